@@ -181,6 +181,8 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             f"gnss.file_sha256={_SUM}", "gnss.columns={h_m: Alt}", "gnss.latency_s=0.1", "gnss.velocity_latency_s=0.3",
             "gnss.velocity_sigma_m_s=[0.3, 0.5]", "gnss.position_sigma_m=[1.5, 2.5]", "filter.gate.max_rejected=10",
             f"reference={{file: attitude.csv, file_sha256: {_SUM}}}",
+            f"heading={{file: headings.csv, file_sha256: {_SUM}, columns: {{heading_deg: Yaw}}, declination_deg: 11.5, "
+            "sigma_deg: 3, error_sigma_deg: 5}", "standstill={}", "side_slip={}",
         )),
         ("recorded_flight", (
             "imu.gyro.bias_instability_deg_h=10", "imu.accelerometer.bias_instability_mg=0.3",

@@ -25,6 +25,7 @@ DATAFLASH = {
     "GPA": ("QBCCCCfBIHf", "TimeUS,I,VDop,HAcc,VAcc,SAcc,YAcc,VV,SMS,Delta,Und"),
     "ATT": ("Qfff", "TimeUS,Roll,Pitch,Yaw"),
     "BARO": ("QBfff", "TimeUS,I,Alt,Press,Temp"),
+    "MAG": ("QBhhh", "TimeUS,I,MagX,MagY,MagZ"),
     "XKF0": ("QBBccCCccc", "TimeUS,C,ID,rng,innov,SIV,TR,BPN,BPE,BPD"),
     "PARM": ("QNf", "TimeUS,Name,Value"),
 }

@@ -31,7 +31,7 @@ MOVES = 0.5
 
 
 @dataclass(frozen=True)
-class Aid:
+class RecordedAid:
     """Measurements of a kind; those of the same kind have the same axes and lever arm."""
 
     name: str
@@ -56,7 +56,7 @@ def antenna_axis(section: HeadingSection) -> np.ndarray:
     return np.array([np.cos(angle), np.sin(angle), 0.0])
 
 
-def heading_aid(headings: Headings, section: HeadingSection, factor: float) -> Aid:
+def heading_aid(headings: Headings, section: HeadingSection, factor: float) -> RecordedAid:
     """Headings with their sigma times a factor."""
     value = np.full((headings.time.size, 3), np.nan)
     value[:, 0] = headings.value
@@ -64,7 +64,7 @@ def heading_aid(headings: Headings, section: HeadingSection, factor: float) -> A
     axes[0] = headings.axis
     variance = np.repeat((factor * headings.sigma[:, None]) ** 2, 3, axis=1)
     table = VehicleTable(value, variance, axes, np.zeros(3))
-    return Aid("heading", HEADING, headings.time, table, section.source == "antennas")
+    return RecordedAid("heading", HEADING, headings.time, table, section.source == "antennas")
 
 
 def heading_blocks(headings: Headings, section: HeadingSection, step: float) -> list[tuple[Block, float]]:
@@ -125,22 +125,22 @@ def pieces_at_rest(samples: Samples, fixes: Fixes, own: OwnNoise, sigma: float) 
 
 def rest_aids(
     samples: Samples, rests: np.ndarray, own: OwnNoise, section: Standstills, like: VehicleTable
-) -> list[Aid]:
+) -> list[RecordedAid]:
     """Zero velocity and, if wanted, zero rotation at the end of each piece at rest (k, 2); like: a table with the axes
     and the lever arm of all velocities."""
     zero = np.zeros((rests.shape[0], 3))
     velocity = like._replace(value=zero, variance=zero + section.velocity_sigma_m_s**2)
-    out = [Aid("zero velocity", VEHICLE_VELOCITY, rests[:, 1], velocity)]
+    out = [RecordedAid("zero velocity", VEHICLE_VELOCITY, rests[:, 1], velocity)]
     if section.rotation:
         pieces = [samples.between(begin, end).rate for begin, end in rests]
         mean = np.array([piece.mean(axis=0) for piece in pieces]).reshape(-1, 3)
         count = np.array([piece.shape[0] for piece in pieces]).reshape(-1, 1)
         table = VehicleTable(mean, own.rate**2 / count, np.eye(3), np.zeros(3))
-        out.append(Aid("zero rotation", REST_RATE, rests[:, 1], table))
+        out.append(RecordedAid("zero rotation", REST_RATE, rests[:, 1], table))
     return out
 
 
-def side_slip_aid(samples: Samples, rests: np.ndarray, section: SideSlip) -> Aid:
+def side_slip_aid(samples: Samples, rests: np.ndarray, section: SideSlip) -> RecordedAid:
     """No lateral and vertical velocity, at each `spacing_s`, but in the pieces at rest (k, 2)."""
     time = np.arange(samples.time[0] + section.spacing_s, samples.time[-1], section.spacing_s)
     time = time[np.searchsorted(rests[:, 0], time) == np.searchsorted(rests[:, 1], time)]
@@ -149,7 +149,9 @@ def side_slip_aid(samples: Samples, rests: np.ndarray, section: SideSlip) -> Aid
     lateral, vertical = section.sigma_m_s
     variance = np.tile([1.0, lateral**2, vertical**2], (time.size, 1))
     axes = dcm_from_rpy(np.array(section.mounting_deg) * DEG)
-    return Aid("side slip", VEHICLE_VELOCITY, time, VehicleTable(value, variance, axes, np.array(section.lever_arm_m)))
+    return RecordedAid(
+        "side slip", VEHICLE_VELOCITY, time, VehicleTable(value, variance, axes, np.array(section.lever_arm_m))
+    )
 
 
 def side_slip_blocks(section: SideSlip) -> list[tuple[Block, float]]:

@@ -34,7 +34,7 @@ from navsim.filter.records import (
 from navsim.formats.recorded_data import Fixes, Ranges, Samples
 from navsim.geodesy import earth
 from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
-from navsim.replays.aids import Aid
+from navsim.replays.aids import RecordedAid
 from navsim.replays.alignment import Alignment
 from navsim.replays.flight_tables import noise_of, noise_of_fixes, own_or_usual, start_of, table_of
 
@@ -151,7 +151,7 @@ class RecordedFlight(InertialLog):
     """How much older the velocity of a fix is than its position, s."""
     ranges: Ranges | None = None
     """Ranges of each epoch (m,) from which the fixes are solved, if known. An epoch without a fix has a row of nan."""
-    aids: tuple[Aid, ...] = ()
+    aids: tuple[RecordedAid, ...] = ()
     """Measurements beside the fixes."""
 
     @property
@@ -314,7 +314,6 @@ def prepare(
     patience: float = np.inf,
     known: KnownStart | None = None,
     velocity_lag: float = 0.0,
-    aids: tuple[Aid, ...] = (),
 ) -> RecordedFlight:
     """Prepare the flight after an alignment, or from a known state on.
 
@@ -326,7 +325,6 @@ def prepare(
     - `align`: next alignment at or after a time, s; `patience`: see `RecordedFlight`.
     - `known`: the state at the alignment, if known.
     - `velocity_lag`: how much older the velocity of a fix is than its position, s.
-    - `aids`: measurements beside the fixes.
     """
     begin = alignment.time
     early = waiting(latency, velocity_lag)
@@ -375,7 +373,6 @@ def prepare(
         row=row,
         velocity_lag=velocity_lag,
         ranges=ranges,
-        aids=aids,
     )
 
 

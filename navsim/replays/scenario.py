@@ -295,17 +295,17 @@ class HeadingSection(Section):
     """Measured headings, which the filter uses beside the fixes, also to align."""
 
     file: str
-    """table with t_s, heading_deg (clockwise from north) and, if known, sigma_heading_deg, by the clock of the samples;
-    rows without a heading do not count, so that the table of the fixes may have them"""
+    """table with t_s, heading_deg (clockwise from north) and, if known, sigma_heading_deg, by the clock of the samples.
+    Rows without a heading do not count: the table of the fixes may have these columns"""
     file_sha256: Checksum | None = None
     """checksum of the file; when given, another file is refused"""
     columns: _columns(conventions.HEADING_COLUMNS) = Field(default_factory=dict)  # type: ignore[valid-type]
     """names of the columns in the file if they differ"""
     time_unit: _unit(conventions.TIME_UNITS) = "s"  # type: ignore[valid-type]
     """unit of the column t_s"""
-    source: Literal["magnetic", "antennas", "true"] = "magnetic"
+    source: Literal["magnetic", "antennas", "other"] = "magnetic"
     """magnetic: from magnetic north; antennas: of the line between two antennas, from true north, and missing where
-    fixes are withheld; true: any other from true north"""
+    fixes are withheld; other: of any other instrument, from true north"""
     declination_deg: Annotated[float, Field(ge=-180.0, le=180.0)] | None = None
     """declination of the field, east positive, for `source: magnetic`; left out: by the World Magnetic Model at the
     first fix and the epoch, which needs the extra `magnetic`"""

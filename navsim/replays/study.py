@@ -32,7 +32,7 @@ from navsim.geodesy.attitude import dcm_from_rpy, quaternion_from_dcm
 from navsim.replays import alignment as aligning
 from navsim.replays import flight as replay
 from navsim.replays.aids import (
-    Aid,
+    RecordedAid,
     heading_aid,
     heading_blocks,
     own_noise,
@@ -134,7 +134,7 @@ class Recording:
     warnings: list[str] = field(default_factory=list)
     reference: tuple[np.ndarray, np.ndarray] | None = None
     headings: Headings | None = None
-    aids: tuple[Aid, ...] = ()
+    aids: tuple[RecordedAid, ...] = ()
     """Measurements that no setting changes: all but headings."""
 
     @property
@@ -253,10 +253,11 @@ class Recording:
         aids = () if coarse else self.aids
         if self.scenario.heading is not None and self.headings is not None:
             aids = (*aids, heading_aid(self.headings, self.scenario.heading, settings[HEADING_RATIO]))
-        return replay.prepare(
+        flight = replay.prepare(
             self._coarse if coarse else self._sensed, fixes, self.alignment, settings[LATENCY], ranges,
-            self._realigned, patience, self.known, self.velocity_lag(settings), aids,
+            self._realigned, patience, self.known, self.velocity_lag(settings),
         )  # fmt: skip
+        return replace(flight, aids=aids)
 
     def of_rejected(self, settings: np.ndarray, flight: replay.RecordedFlight) -> np.ndarray:
         """Contribution of each rejected fix of a flight (m,), or of any range (), to the tuning.
@@ -396,7 +397,7 @@ def _aids(
     search: aligning.Search,
     density: tuple[float, float],
     speed_sigma: float,
-) -> tuple[Aid, ...]:
+) -> tuple[RecordedAid, ...]:
     """Measurements of a vehicle at rest and on wheels. Fixes' times are those of validity; density: of the white noise
     of gyros and accelerometers of the class; speed_sigma: of a fix, m/s."""
     if scenario.standstill is None and scenario.side_slip is None:

@@ -1010,8 +1010,8 @@ _REPLAY = Chapter(
         _a("/summary/aid", "aid", "1", "measurements beside the fixes", REPLAY, TEXT, when=_AIDED),
         _a("/summary/aid_used", "aid", "1", "number of measurements that the filter used", REPLAY, WHOLE, when=_AIDED),
         _a("/summary/aid_rejected", "aid", "1", "number of those that the gate rejected", REPLAY, WHOLE, when=_AIDED),
-        _a("/summary/aid_nis", "aid motion", "1", "normalised innovation squared per degree of freedom, by the motion at the "
-           "next fix", REPLAY, when=_AIDED),
+        _a("/summary/aid_nis", "aid motion", "1", "normalised innovation squared per degree of freedom, by the motion "
+           "at the next fix", REPLAY, when=_AIDED),
         _a("/lost/span", "span", "1", "number of the time at which the output is unusable", REPLAY, WHOLE),
         _a("/lost/start", "span", "s", "when the filter was lost", REPLAY),
         _a("/lost/end", "span", "s", "time of the restart, or end of the flight", REPLAY),

@@ -43,11 +43,11 @@ def test_vehicle(within: Within) -> None:
             u = c @ mounted[0]
             return np.array([np.arctan(u[1] / u[0]) + x[12]])
         if kind == REST_RATE:
-            return c_nb.T @ earth + x[:3]
+            return np.asarray(c_nb.T @ earth + x[:3])
         turned = rate - d[states.GYRO : states.GYRO + 3] - c_nb.T @ earth
         body = c.T @ (nav[states.NAV_VEL : states.NAV_QUAT] + d[states.VEL : states.ATT])
         along = mounted @ (body + np.cross(turned, arm + x[9:12]))
-        return along - np.cross(x[6:9], along)
+        return np.asarray(along - np.cross(x[6:9], along))
 
     table = VehicleTable(np.zeros((1, 3)), np.full((1, 3), 0.04), mounted, arm)
     tables = Measurements.of(dict.fromkeys((HEADING, VEHICLE_VELOCITY, REST_RATE), table))

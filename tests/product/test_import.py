@@ -223,11 +223,14 @@ def test_a_drone_log_gives_all_that_it_has(flight: Flight, tmp_path: Path) -> No
     two = logs.dataflash_of(flight.samples, flight.fixes, ANTENNA | {"GPS_DELAY_MS": 200.0, "INS_POS2_X": 1.2}, 2, 2)
     messages |= {name: two[name] for name in ("IMU", "GPS", "GPA", "PARM")}
     messages["GPS"][7][2] = 1
+    messages["GPS"][3][-2], field = 40.0, np.einsum("nji,j->ni", dcm_from_rpy(flight.rpy), [180.0, 0.0, 400.0])
+    messages["MAG"] = [[round(1e6 * t), 0, *map(round, b)] for t, b in zip(flight.samples.time, field, strict=True)]
     logs.write_dataflash(tmp_path / "log.bin", messages)
     said = imported(tmp_path / "log.bin", "-o", tmp_path / "out", "--imu", 1, "--receiver", 1).stdout
     text = (tmp_path / "out/log.yaml").read_text()
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "imu0.csv", "imu1.csv", "gnss0.csv", "gnss1.csv", "barometer.csv", "attitude.csv", "log.yaml",
+        "magnetometer.csv", "magnetic_heading.csv", "antenna_heading.csv",
     }  # fmt: skip
     assert "file: imu1.csv" in text
     assert "file: gnss1.csv" in text
@@ -244,6 +247,12 @@ def test_a_drone_log_gives_all_that_it_has(flight: Flight, tmp_path: Path) -> No
     assert table["quality"][0] == QUALITY["3D"]
     attitude = np.genfromtxt(tmp_path / "out/attitude.csv", delimiter=",", names=True)
     np.testing.assert_allclose(attitude["roll_deg"], np.degrees(flight.rpy[:, 0]), atol=1e-4)
+    headings = np.genfromtxt(tmp_path / "out/magnetic_heading.csv", delimiter=",", names=True)
+    away = np.radians(headings["heading_deg"]) - flight.rpy[:, 2]
+    assert np.abs(np.angle(np.exp(1j * away))).max() < 0.006  # rounded to 1 mG
+    assert "source: antennas" in text
+    antennas = np.genfromtxt(tmp_path / "out/antenna_heading.csv", delimiter=",", names=True)
+    assert antennas["heading_deg"] == 40.0
 
 
 def test_samples_of_a_turned_board(flight: Flight, tmp_path: Path) -> None:

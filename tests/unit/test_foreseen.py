@@ -28,6 +28,7 @@ NAMING = [
     ("recorded_flight", ["gnss.file=none.csv"], "gnss.file"),
     ("recorded_flight", ["gnss.navigation=none.rnx"], "gnss.navigation[0]"),
     ("recorded_flight", ["reference.file=none.csv"], "reference.file"),
+    ("recorded_flight", ["heading.file=none.csv"], "heading.file"),
     ("placement_sweep", ["base=none.yaml"], "base"),
     ("placement_optimum", ["base=none.yaml"], "base"),
     ("placement_optimum", ["constraints.keep_out=none.geojson"], "constraints.keep_out"),

@@ -51,7 +51,7 @@ _BEACONS = ("XKRB", "XKF0")
 _INSTANCES = ("I", "Instance")
 _WITHOUT = {
     "ACC": "raw samples of the accelerometers", "GYR": "raw samples of the gyros", "IMT": "increments of the IMUs",
-    "BCN": "ranges of beacons without their positions", "GPYW": "yaw of two antennas",
+    "BCN": "ranges of beacons without their positions", "GPYW": "heading between two antennas; navsim takes GPS.Yaw",
 }  # fmt: skip
 """Messages with measurements that navsim does not take."""
 
@@ -195,6 +195,7 @@ def _contents(messages: _Messages) -> LogContents:
     if angles is not None:
         columns = dict(zip(("roll_deg", "pitch_deg", "yaw_deg"), angles.T, strict=True))
         out.add_table("attitude", {"t_s": _seconds(attitude), **columns})
+    out.add_magnetic_heading()
     for name in _BEACONS:
         if beacons := messages.columns(name):
             out.ranges = _ranges(beacons)
@@ -240,6 +241,9 @@ def _add_receiver(
     delay = next((_MILLISECOND * parameters[key] for key in keys if parameters.get(key)), None)
     remark = "GPS_DELAY_MS is 0, the driver's own value" if any(key in parameters for key in keys) else ""
     place = lever_parameters(parameters, (f"GPS{number + 1}_POS", f"GPS_POS{number + 1}"))
+    if "Yaw" in found:  # 0: none
+        yaw = found["Yaw"].astype(float)
+        out.add_antenna_heading(time, np.where(yaw == 0.0, np.nan, yaw), None)
     out.add_receiver(FixRecord(name, time, llh, velocity, further, place, delay, remark), fix)
 
 

@@ -18,7 +18,7 @@ from scipy.ndimage import median_filter
 
 from navsim.formats.conventions import FIX_SIGMAS, TRACK_ATTITUDE
 from navsim.formats.text import MOST_BYTES, FileError
-from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
+from navsim.geodesy.attitude import dcm_from_quaternion, dcm_from_rpy, roll_pitch_yaw
 from navsim.gnss.timescales import DAY, WEEK, utc_from_gps
 from navsim.results import files
 from navsim.statistics.rounding import digits
@@ -47,6 +47,8 @@ MEANINGS = {
     **dict.fromkeys(FIX_SIGMAS, "accuracy by axis"),
 }  # fmt: skip
 """Meaning of the further columns of fixes."""
+MAGNETIC_HEADING, ANTENNA_HEADING = "magnetic_heading", "antenna_heading"
+"""Tables of headings."""
 QUALITY = {"no fix": 0, "2D": 2, "3D": 3, "differential": 4, "float": 5, "fixed": 6}
 """Column `quality`: how the receiver found a fix, as MAVLink and the autopilots number it."""
 
@@ -163,6 +165,38 @@ class LogContents:
         keep = self._kept(name, "rows", columns["t_s"], bad)
         if keep.any():
             self.tables[name] = {key: column[keep] for key, column in columns.items()}
+
+    def add_antenna_heading(self, time: np.ndarray, heading: np.ndarray, sigma: np.ndarray | None) -> None:
+        """Take headings of the nose by two antennas (m,), deg, nan where there is none, with their 1 sigma."""
+        known = np.isfinite(heading)
+        if ANTENNA_HEADING in self.tables or not known.any():
+            return
+        columns = {"t_s": time, "heading_deg": heading}
+        if sigma is not None:
+            columns["sigma_heading_deg"] = np.where(sigma > 0.0, sigma, np.nan)
+        self.add_table(ANTENNA_HEADING, {name: column[known] for name, column in columns.items()})
+        self.decided.append(f"{ANTENNA_HEADING}.csv: the driver has turned the antennas' heading to that of the nose")
+
+    def add_magnetic_heading(self) -> None:
+        """Take headings from magnetic north by the first magnetometer and the autopilot's roll and pitch, if there are
+        both."""
+        if "magnetometer" not in self.tables or "attitude" not in self.tables:
+            return
+        field, attitude = self.tables["magnetometer"], self.tables["attitude"]
+        first = field["instance"] == field["instance"].min()
+        time = field["t_s"][first]
+        roll, pitch = np.radians(
+            interpolated(time, attitude["t_s"], np.column_stack([attitude[name] for name in TRACK_ATTITUDE[:2]]))
+        ).T
+        level = dcm_from_rpy(np.column_stack([roll, pitch, np.zeros(time.size)]))
+        x, y, _ = np.einsum("nij,jn->in", level, np.array([field[f"m{axis}_ut"][first] for axis in "xyz"]))
+        self.add_table(MAGNETIC_HEADING, {"t_s": time, "heading_deg": np.degrees(np.arctan2(-y, x))})
+        if MAGNETIC_HEADING in self.tables:
+            self.decided.append(
+                f"{MAGNETIC_HEADING}.csv: headings from magnetic north by magnetometer "
+                f"{field['instance'].min():.0f}, levelled by the autopilot's roll and pitch: a tilt that is wrong by 1 "
+                "degree turns them by the tangent of the dip, 2 degrees in Europe"
+            )
 
     def count_omitted(self, count: int, what: str) -> None:
         """Note a number of omitted records."""

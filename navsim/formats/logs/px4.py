@@ -114,6 +114,7 @@ def _contents(log: Any) -> LogContents:
         q = numbers(found, *(f"q[{i}]" for i in range(4)))
         if q is not None:
             out.add_table("attitude", {"t_s": _seconds(found), **quaternion_angles(q)})
+    out.add_magnetic_heading()
     for _, found in topics.get("ranging_beacon", [])[:1]:
         out.ranges = _ranges(found)
     there = "SENS_BOARD_ROT" in parameters
@@ -228,6 +229,9 @@ def _add_receiver(
     if out.start is None and utc is not None and (fix & (utc > 0)).any():
         posix = 1e-6 * utc[fix & (utc > 0)].astype(float)
         out.start = round(float(np.median(gps_from_utc(posix) - time[fix & (utc > 0)])), 3)
+    if "heading" in found:
+        sigma = found.get("heading_accuracy")
+        out.add_antenna_heading(time, np.degrees(found["heading"]), None if sigma is None else np.degrees(sigma))
     delay, remark = _delay(parameters, log)
     place = lever_parameters(parameters, ("EKF2_GPS_POS",))
     out.add_receiver(FixRecord(name, time, llh, velocity, further, place, delay, remark), fix)

@@ -11,7 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from navsim.formats.conventions import GNSS_COLUMNS, IMU_COLUMNS
-from navsim.formats.logs.contents import MEANINGS, FixRecord, ImuRecord, LogContents, RangeRecord
+from navsim.formats.logs.contents import (
+    ANTENNA_HEADING,
+    MAGNETIC_HEADING,
+    MEANINGS,
+    FixRecord,
+    ImuRecord,
+    LogContents,
+    RangeRecord,
+)
 from navsim.gnss.timescales import utc_text
 from navsim.results.atomic_write import replacing
 from navsim.results.findings import several
@@ -134,6 +142,7 @@ def log_files(contents: LogContents, source: str, imu: int = 0, receiver: int = 
             *head(), "kind: replay", "version: 1", f"title: {json.dumps(source, ensure_ascii=False)}", *epoch, "imu:",
             f"  file: {imus[imu]}", f"  samples: {sensor.samples}", *(f"  {line}" for line in contents.imu_keys),
             "gnss:", f"  file: {fixes[receiver]}", arm_line, latency_line,
+            *_heading_lines(contents),
             *(["reference:  # the autopilot's attitude, for comparison", "  file: attitude.csv"]
               if "attitude" in contents.tables else []),
         ]) + "\n"  # fmt: skip
@@ -171,6 +180,16 @@ def _latency_line(fixes: FixRecord) -> str:
     if fixes.latency_s is None:
         return f"  # latency_s: tuned{f'; {fixes.remark}' if fixes.remark else ''}"
     return f"  latency_s: {fixes.latency_s:g}  # by the log's parameters; leave it out and navsim tunes it"
+
+
+def _heading_lines(contents: LogContents) -> list[str]:
+    """Section of the headings; a comment where a magnetometer is all that has them."""
+    if ANTENNA_HEADING in contents.tables:
+        return ["heading:  # by two antennas", f"  file: {ANTENNA_HEADING}.csv", "  source: antennas"]
+    if MAGNETIC_HEADING in contents.tables:
+        return ["# heading:  # by the magnetometer: of use where the aircraft hovers; motors and steel disturb it",
+                f"#   file: {MAGNETIC_HEADING}.csv", "#   source: magnetic"]  # fmt: skip
+    return []
 
 
 def _comments(account: Account) -> list[str]:

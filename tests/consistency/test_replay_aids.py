@@ -1,0 +1,116 @@
+"""Headings, rest and wheels in a replay, on simulated recordings with known truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from navsim.formats.recorded_data import Fixes, Headings, Samples
+from navsim.geodesy.attitude import dcm_from_quaternion, dcm_from_rpy, quaternion_from_dcm, roll_pitch_yaw
+from navsim.replays import study
+from navsim.replays.aids import OwnNoise, pieces_at_rest
+from navsim.replays.alignment import Alignment, turned_to
+from navsim.results.result import Result
+from navsim.scenario.load import read_replay
+from navsim.scenario.source import InputError
+from navsim.statistics.chi_square import quantile
+from tests.recordings import drive, quadrotor, record, write_recording
+
+SHORT = ("gnss.latency_s=0.1", "filter.output_rate_hz=fixes")
+
+
+def flown(log: Path, *settings: str) -> tuple[Result, study.Recording]:
+    recording = study.prepare(*read_replay(log, [*SHORT, *settings]))
+    return study.compute(recording), recording
+
+
+def test_a_measured_heading_aligns_and_aids(tmp_path: Path) -> None:
+    """A quadrotor on the ground: the second of two antennas is to the right; a heading is missing, another 90 deg
+    off."""
+    trajectory = quadrotor()
+    samples, fixes = record(trajectory, 5, fix_rate=4.0)
+    time, rng = np.arange(1.0, 60.0, 0.5), np.random.default_rng(1)
+    shaken = samples.time > 5.0
+    samples.force[shaken] += 0.8 * rng.standard_normal((shaken.sum(), 3))  # rotors
+    log = write_recording(tmp_path, samples, fixes)
+    yaw = np.degrees(roll_pitch_yaw(trajectory.motion(time).c_nb)[:, 2])
+    turned = yaw + 90.0 + rng.normal(0.0, 1.5, yaw.size)
+    turned[60], turned[70] = np.nan, turned[70] + 90.0
+    turned = (turned + 180.0) % 360.0 - 180.0
+    np.savetxt(tmp_path / "heading.csv", np.c_[time, turned], "%.6g", ",", header="t_s,heading_deg", comments="")
+    log.write_text(log.read_text() + "heading: {file: heading.csv, source: antennas, mounting_deg: 90}\n")
+    found, recording = flown(log, "heading.sigma_deg=1.5", "end_s=60", "imu.accelerometer.vrw_m_s_sqrt_h=7")
+    assert recording.alignment.time < 8.0
+    true = roll_pitch_yaw(trajectory.motion(found["/filter/time"]).c_nb)[:, 2]
+    off = np.angle(np.exp(1j * (found["/filter/attitude_rpy"][:, 2] - true)))
+    assert np.all(np.abs(off) < 4.0 * found["/filter/sigma"][:, 8])
+    assert int(found["/summary/aid_rejected"][0]) == 1
+    used = int(found["/summary/aid_used"][0])
+    assert found["/summary/aid_nis"][0, 0] * used < quantile(0.9999, used)
+    assert found["/summary/aid_nis"][0, 0] * used > quantile(0.0001, used)
+
+
+def test_an_update_by_a_heading_is_that_of_bayes() -> None:
+    """By the information form; the lasting error counts, and a heading that is not known takes the measured one."""
+    turn, axis = dcm_from_rpy(np.array([0.2, -0.1, 0.4])), np.array([0.6, 0.8, 0.0])
+    prior = np.array([[4e-4, 1e-5, 2e-5], [1e-5, 3e-4, -1e-5], [2e-5, -1e-5, 1e-2]])
+    found = Alignment(0.0, quaternion_from_dcm(turn), prior, np.zeros(3), np.zeros(3), 0.0, 0.0)
+    headings = Headings(np.zeros(1), np.zeros(1), np.ones(1), axis, 0.05)
+    u = turn @ axis
+    at = float(np.arctan2(u[1], u[0]))
+    after = turned_to(found, headings, (at + 0.02, 0.03))
+    h = np.array([-u[0] * u[2], -u[1] * u[2], 1.0 - u[2] ** 2]) / (1.0 - u[2] ** 2)
+    noise = 0.03**2 + 0.05**2
+    expected = np.linalg.inv(np.linalg.inv(prior) + np.outer(h, h) / noise)
+    np.testing.assert_allclose(after.covariance, expected, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(after.by_heading, expected @ h / noise, rtol=1e-9)
+    unknown = Alignment(0.0, found.quaternion, np.diag([1e-4, 1e-4, 1e4]), np.zeros(3), np.zeros(3), 0.0, 0.0)
+    turned = dcm_from_quaternion(turned_to(unknown, headings, (at + 2.5, 0.03)).quaternion) @ axis
+    away = np.angle(np.exp(1j * (np.arctan2(turned[1], turned[0]) - at - 2.5)))
+    assert abs(away) < 1e-4
+
+
+def test_rest_is_what_the_samples_show() -> None:
+    """Of 40 s: rest, vibration, a steady turn, rest with one fix that moves, a brake that ends without a jerk."""
+    rng, rate = np.random.default_rng(2), 100.0
+    time = np.arange(0.0, 40.0, 1.0 / rate)
+    gyro, force = 1e-3 * rng.standard_normal((time.size, 3)), 0.02 * rng.standard_normal((time.size, 3)) - [0, 0, 9.8]
+    force[(time >= 10.0) & (time < 16.0)] *= 1.0 + 0.02 * rng.standard_normal((600, 1))
+    gyro[(time >= 18.0) & (time < 24.0), 2] += 0.05
+    force[time >= 34.0, 0] -= np.interp(time[time >= 34.0], [34.0, 40.0], [0.3, 0.0])
+    stamp = np.array([5.0, 30.5])
+    fixes = Fixes(stamp, np.zeros((2, 3)), np.array([[0.1, 0.0, 0.0], [0.45, 0.0, 0.0]]))
+    own = OwnNoise(np.full(3, 1e-3), np.full(3, 0.02), np.zeros(3), 1e-4)
+    rests = pieces_at_rest(Samples(time, gyro, force), fixes, own, 0.1)
+    # a piece needs one at rest on both sides
+    assert rests[:, 0].tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 25.0, 26.0, 27.0, 28.0, 32.0]
+
+
+def test_rest_and_wheels_keep_a_car_in_an_outage(tmp_path: Path) -> None:
+    """Drifts fall by half, with the axes of a board that is mounted askew as states; their sigmas hold."""
+    samples, fixes = record(drive(), 3, gyro_noise=3e-3, accel_noise=0.02, fix_rate=4.0, position_noise=0.1)
+    board = dcm_from_rpy(np.radians([2.0, -3.0, 4.0]))
+    log = write_recording(tmp_path, Samples(samples.time, samples.rate @ board, samples.force @ board), fixes)
+    away = ["outages=[{start_s: [60, 70, 80, 90, 95], duration_s: 15}]", "gnss.position_sigma_m=[0.1, 0.15]"]
+    alone = flown(log, *away)[0]
+    aided = flown(log, *away, "standstill={}", "side_slip={mounting_sigma_deg: 4}")[0]
+    assert aided["/summary/drift_median"][0] < 0.5 * alone["/summary/drift_median"][0]
+    assert aided["/summary/drift_nees"][0] < 2.5
+    assert aided["/summary/aid"].tolist() == ["side slip", "zero velocity", "zero rotation"]
+    assert aided["/summary/aid_rejected"].sum() == 0
+    assert np.all(aided["/summary/aid_used"] > [90, 3, 3])
+
+
+def test_headings_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
+    """A declination of true headings; magnetic ones of a year without a model."""
+    log = write_recording(tmp_path, *record(quadrotor(30.0), 5))
+    (tmp_path / "heading.csv").write_text("t_s,heading_deg\n1,20\n2,21\n")
+    plain = log.read_text()
+    log.write_text(plain + "heading: {file: heading.csv, source: other, declination_deg: 3}\n")
+    with pytest.raises(InputError, match="headings from true north have none"):
+        read_replay(log)
+    log.write_text(plain + "heading: {file: heading.csv}\nepoch: 1990-01-01T00:00:00Z\n")
+    with pytest.raises(InputError, match="heading.declination_deg"):
+        study.prepare(*read_replay(log))
