@@ -211,7 +211,7 @@ SUBJECTS = {
     "air": "Wind and turbulence", "atc": "Tracking with onboard data", "atmosphere": "Ionosphere and troposphere",
     "azimuth": "The landing circuit", "cramer_rao": "Covariance of the filter", "dop": "Dilution of precision",
     "earth": "Coordinates and gravity", "elevation": "MLS elevation", "error_state": "The filter",
-    "export": "Exported RINEX", "heights": "Air pressure and geoid", "ranging": "Recorded ranges",
+    "export": "Exported RINEX", "ground": "Headings, rest and wheels", "heights": "Air pressure and geoid", "ranging": "Recorded ranges",
     "rinex": "Reading RINEX", "sensors": "Inertial sensors", "sky": "Galileo, BeiDou, QZSS",
     "strapdown": "Strapdown navigation", "table2": "Table 2 of the landing paper", "tails": "Risk behind levels",
     "tight": "Tight coupling, monitored filters", "track": "Recorded trajectories",

@@ -134,6 +134,7 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
     ),
     "error model and update of the navigation filter": (
         "clock of a receiver without sources", "two sources and an unknown clock",
+        "headings, velocities along the axes of a vehicle, gyros at rest, and their derivatives",
         "update with a range that may be an outlier",
         "Covariance of position, clocks, survey errors and biases of pseudolites and beacons",
     ),
