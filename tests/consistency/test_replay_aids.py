@@ -112,5 +112,5 @@ def test_headings_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="headings from true north have none"):
         read_replay(log)
     log.write_text(plain + "heading: {file: heading.csv}\nepoch: 1990-01-01T00:00:00Z\n")
-    with pytest.raises(InputError, match="heading.declination_deg"):
+    with pytest.raises(InputError, match=r"heading\.declination_deg"):
         study.prepare(*read_replay(log))
