@@ -20,6 +20,8 @@ BLOCK = 16
 _PIECE = 500.0
 """Length of the pieces of a line that are straight in latitude and longitude, m: its middle is then off by 3 cm at
 most at a latitude of 80 degrees, beside less than 1 mm in height."""
+_GRAZED = 0.05
+"""Depth of a line in the ground up to which it passes, m: an antenna on the ground is not under it."""
 _RADIUS = 6371e3
 """Of the Earth, m, for the sagitta of a piece."""
 
@@ -81,7 +83,7 @@ def _piece_below(height, a, b, bow):
             for k in range(3):
                 w = u if k == 0 else mid if k == 1 else v
                 ground = _over(height, i, j, a[0] + w * dr - i, a[1] + w * dc - j)
-                over = ground - (a[2] + w * dh - 4.0 * bow * w * (1.0 - w))
+                over = ground - (a[2] + w * dh - 4.0 * bow * w * (1.0 - w)) - _GRAZED
                 if k == 0:
                     f0 = over
                 elif k == 1:

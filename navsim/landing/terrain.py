@@ -87,8 +87,9 @@ def _cached(path: Path, checksum: str, lat: float, lon: float, reach: float, uni
 
 
 def _levelled(grid: HeightGrid, scenario: Landing, threshold: np.ndarray) -> HeightGrid:
-    """The grid without ground above the runway in its strip: heights of files are off by metres."""
-    runway, (beyond, beside) = scenario.runway, _STRIP
+    """The grid with the runway's own surface in its strip: heights of files are off by metres."""
+    runway, cell = scenario.runway, 6.4e6 * max(grid.down, grid.right * math.cos(threshold[0]))
+    beyond, beside = (part + cell for part in _STRIP)  # so that no cell that reaches into it has other points
     reach = Box.about(threshold, runway.extent_m + beyond + beside)
     south = [(grid.north - side) / grid.down for side in (reach.north, reach.south)]
     rows = slice(*np.clip([math.floor(south[0]), math.ceil(south[1]) + 1], 0, grid.height.shape[0]))
@@ -101,8 +102,7 @@ def _levelled(grid: HeightGrid, scenario: Landing, threshold: np.ndarray) -> Hei
     strip = (along >= -beyond) & (along <= runway.extent_m + beyond) & (np.abs(right) <= beside)
     surface = threshold[2] + runway.rise * np.clip(along, 0.0, runway.extent_m)
     height = grid.height.copy()
-    part = height[rows, columns]
-    part[strip] = np.minimum(part[strip], surface[strip].astype(np.float32))
+    height[rows, columns][strip] = surface[strip]
     return replace(grid, height=height)
 
 

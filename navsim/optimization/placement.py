@@ -27,6 +27,9 @@ from navsim.scenario.source import Document, InputError, Place, Problem
 ObjectiveFunction = Callable[[np.ndarray], np.ndarray]
 """Values (n,) of placements (n, k, 2); smaller is better, not finite without a solution."""
 
+_LOOKED_AT = 400
+"""Points along each side of an area at which it is asked whether the files have heights."""
+
 
 @dataclass(frozen=True)
 class RunwayPlane:
@@ -167,6 +170,14 @@ def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.n
         text = f"{study.base} has no `file` of heights under `terrain`, which ground is taken from"
         raise InputError([Problem(document.place(("height_above",)), "height_above", text)])
     plane = RunwayPlane(threshold, scenario.runway.heading_deg * DEG, study.height_m, ground)
+    places = np.array([(site.s_m, site.l1_m) for site in study.sites]).reshape(-1, 2)
+    if study.area is not None and ground is not None:
+        axes = (np.linspace(*ends, _LOOKED_AT) for ends in (study.area.s_m, study.area.l1_m))
+        places = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    unknown = places[:0] if ground is None else places[np.isnan(plane.llh(places)[..., 2])]
+    if len(unknown):
+        text = f"the files of heights have none at s, l1 of {unknown[0, 0]:.0f}, {unknown[0, 1]:.0f} m"
+        raise InputError([Problem(document.place(("height_above",)), "height_above", text)])
     given, keep_out = study.constraints, None
     if given.keep_out is not None:
         key = ("constraints", "keep_out")

@@ -18,7 +18,7 @@ from navsim.gnss.interference.horizon import Terrain
 from navsim.sensors.aiding import AidingSensor
 from navsim.trajectory.kinematics import Frame, Motion, Moving
 
-_PROFILE = -15e3, 5e3, 30.0
+_PROFILE = -15e3, 5e3, 5.0
 """Distances beyond the threshold between which the filter has the terrain as a profile, and their step, m."""
 
 
