@@ -52,6 +52,7 @@ validate: $(STAMP)       ## the long statistical studies: tables in docs/; every
 	$(BIN)/python scripts/interference.py
 	$(BIN)/python scripts/filter_settings.py
 	$(BIN)/python scripts/replays.py
+	$(BIN)/python scripts/replay_checks.py
 	$(BIN)/python scripts/rare_events.py
 	$(BIN)/python scripts/control_variates.py
 	$(BIN)/python scripts/recorded_approach.py
