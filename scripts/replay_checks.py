@@ -206,7 +206,7 @@ def main() -> int:
         "|---|---|---|---|---|",
         *table,
         "",
-        f"Of {GOOD} simulated flights in order, navsim refuses {sound.count('refused')}; "
+        f"navsim refuses {sound.count('refused')} of {GOOD} simulated flights in order; "
         f"{sound.count('unaligned')} find no alignment.",
         "",
         "## Predictions",
