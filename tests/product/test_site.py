@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 import shutil
@@ -19,11 +20,14 @@ from tests.product.conftest import opened
 from tests.unit.test_reference import script
 
 DOCS = ROOT / "docs"
-PAGES = [
-    *(path.relative_to(DOCS) for path in sorted(DOCS.rglob("*.md")) if not {"_build", "reference"} & {*path.parts}),
-    *(Path("reference", name) for name in script("reference").pages()),
-]
-"""Pages of the tree, and those that the schemas make."""
+
+
+@functools.cache
+def pages() -> list[Path]:
+    """Pages of the tree, and those that the schemas make."""
+    there = [path.relative_to(DOCS) for path in sorted(DOCS.rglob("*.md"))]
+    made = [Path("reference", name) for name in script("reference").pages()]
+    return [page for page in there if not {"_build", "reference"} & {*page.parts}] + made
 
 
 def build(source: Path, target: Path) -> subprocess.CompletedProcess[str]:
@@ -46,9 +50,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_pages_are_there_and_load_nothing_from_elsewhere(site: Path) -> None:
     """What is built is what there is. Links lead out, but no script, style, font or image comes from another place."""
-    assert len(PAGES) > 40
+    assert len(pages()) > 40
     seen = 0
-    for page in PAGES:
+    for page in pages():
         text = (site / page.with_suffix(".html")).read_text(encoding="utf-8")
         loaded = re.findall(r"<(?:script|img|iframe|source)\b[^>]*?\bsrc=\"([^\"]+)\"", text)
         loaded += [
@@ -57,7 +61,7 @@ def test_pages_are_there_and_load_nothing_from_elsewhere(site: Path) -> None:
         ]  # fmt: skip
         assert [one for one in loaded if re.match(r"(https?:)?//", one)] == [], page
         seen += len(loaded)
-    assert seen > len(PAGES)
+    assert seen > len(pages())
 
 
 def test_a_page_that_nobody_lists_is_an_error(tmp_path: Path) -> None:
@@ -133,7 +137,7 @@ def test_answers_are_within_three_clicks(site: Path) -> None:
             if "//" not in link and target not in clicks:
                 clicks[target] = clicks[name] + 1
                 waiting.append(target)
-    assert {str(page.with_suffix("")) for page in PAGES} <= clicks.keys()
+    assert {str(page.with_suffix("")) for page in pages()} <= clicks.keys()
     assert {answer: clicks[answer] for answer in QUESTIONS.values() if clicks[answer] > 3} == {}
 
 
