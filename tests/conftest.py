@@ -27,7 +27,7 @@ settings.load_profile("navsim")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# of half a million objects that live as long as the tests, few are ever garbage: looking takes a twentieth of their time
+# half a million objects live as long as the tests: to look for garbage among them takes a twentieth of the time
 gc.set_threshold(50_000, 20, 50)
 
 # what the developer has installed for editors is none of the tests'
