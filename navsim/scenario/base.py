@@ -9,7 +9,7 @@ import inspect
 import itertools
 import math
 import re
-import textwrap
+import sys
 import types
 import typing
 from functools import cache
@@ -156,11 +156,17 @@ Version = Annotated[Literal[1], whole]
 
 
 @cache
+def _classes(module: str) -> dict[str, list[ast.stmt]]:
+    """Bodies of the classes at the top of a module's source; inspect would parse all of it again for each class."""
+    written = ast.parse(inspect.getsource(sys.modules[module]))
+    return {node.name: node.body for node in written.body if isinstance(node, ast.ClassDef)}
+
+
+@cache
 def _docstrings(model: type[BaseModel]) -> dict[str, str]:
-    """Docstrings of the fields in a class's source."""
-    (written,) = ast.parse(textwrap.dedent(inspect.getsource(model))).body
+    """Docstrings of the fields in a class's source; none for a class within a function."""
     out = {}
-    for field, below in itertools.pairwise(getattr(written, "body", [])):
+    for field, below in itertools.pairwise(_classes(model.__module__).get(model.__qualname__, [])):
         match field, below:
             case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
                 out[name] = inspect.cleandoc(text)
@@ -446,10 +452,15 @@ def _elsewhere(model: type[Section], name: str | int, near: str) -> str:
     """Where a kind of file has a key of this name, if nothing near it is allowed; else ""."""
     if near.startswith("did you mean"):
         return ""
+    found = [key for key in _every_key(model) if key.rpartition(".")[2] == name]
+    return f"did you mean '{found[0]}'?" if len(found) == 1 else ""
+
+
+@cache
+def _every_key(model: type[Section]) -> tuple[str, ...]:
     from navsim.scenario.keys import rows
 
-    found = [row.key for row in rows(model.model_json_schema()) if row.key.rpartition(".")[2] == name]
-    return f"did you mean '{found[0]}'?" if len(found) == 1 else ""
+    return tuple(row.key for row in rows(model.model_json_schema()))
 
 
 def _noun(value: Any) -> str:
