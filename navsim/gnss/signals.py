@@ -274,12 +274,12 @@ def find_lone_pseudolite(signals: pseudorange.Signals, pseudolites: int) -> np.n
 def antenna_ecef(motion: Motion, lever_arm: np.ndarray) -> np.ndarray:
     """Position of the antenna along a motion, m (n, 3); lever_arm (3,) IMU to antenna, body, m."""
     arm = np.einsum("nij,j->ni", motion.c_nb, lever_arm)
-    return motion.position_ecef + np.einsum("nji,nj->ni", ned_matrix(motion.llh), arm)
+    return motion.position_ecef + np.einsum("nji,nj->ni", motion.c_ne, arm)
 
 
 def antenna_motion(motion: Motion, lever_arm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Position and velocity of the antenna along a motion, ECEF (n, 3), m, m/s; lever_arm as of `antenna_ecef`."""
-    c_ne = ned_matrix(motion.llh)
+    c_ne = motion.c_ne
     # the antenna swings around the IMU as the body turns against the Earth
     about = [motion.c_nb[:, j] * c_ne[:, j, 2:] * EARTH_RATE for j in range(3)]
     earth_rate_b = about[0] + about[1] + about[2]

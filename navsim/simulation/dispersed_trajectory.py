@@ -76,12 +76,8 @@ class DispersedTrajectories(NamedTuple):
     """(o, 3, W)."""
     quaternion: np.ndarray
     """(o, 4, W)."""
-    rpy: np.ndarray
-    """(o, 3, W)."""
     deviation: np.ndarray
     """(o, 3, W) from the route along runway axes, m: lateral (right), along, vertical (up)."""
-    gust: np.ndarray
-    """(o, 3, W) see `Departure`."""
     antenna: np.ndarray
     """(e, 3, W) at fixes, ECEF."""
     antenna_velocity: np.ndarray
@@ -91,6 +87,18 @@ class DispersedTrajectories(NamedTuple):
     rates: np.ndarray
     """(e, s, W) at fixes."""
     departure: Departure
+    motion: Motion
+    """At the filter's outputs, of runs one after the other (W o)."""
+
+    @property
+    def rpy(self) -> np.ndarray:
+        """(o, 3, W)."""
+        return _lanes(self.motion.rpy, self.llh.shape[2])
+
+    @property
+    def gust(self) -> np.ndarray:
+        """(o, 3, W) see `Departure`."""
+        return self.departure.gust_at(self.motion.time[: len(self.llh)])
 
 
 @dataclass(frozen=True)
@@ -164,12 +172,17 @@ class Dispersion:
         """Where runs touch down or go around."""
         return self.end.endings(flown.departure)
 
+    @cached_property
+    def _to_path(self) -> np.ndarray:
+        """NED at the filter's outputs in path axes (o, 3, 3)."""
+        return np.asarray(self.trajectory.frame.axes.T @ self.at_filter.c_ne.swapaxes(1, 2))
+
     def known(self, error: np.ndarray) -> GuidanceErrors:
         """Errors of the estimates that guidance has, from errors of position and velocity (o, 6, W), truth minus
         estimate, NED, m and m/s, at the filter's outputs."""
         samples = self.disturbance.time
         since = np.minimum(np.searchsorted(samples, self.at_filter.time - 1e-9), samples.size - 1)
-        turn = self.trajectory.frame.axes.T @ earth.ned_matrix(self.at_filter.llh).swapaxes(1, 2)
+        turn = self._to_path
         outputs, _, lanes = error.shape
         both = error.reshape(outputs, 2, 3, lanes)
         turned = [sum(turn[:, a, j, None, None] * both[:, :, j] for j in range(3)) for a in range(3)]
@@ -224,14 +237,13 @@ class Dispersion:
             llh=_lanes(there.llh, lanes),
             velocity=_lanes(there.velocity_ned, lanes),
             quaternion=_lanes(there.quaternion, lanes),
-            rpy=_lanes(there.rpy, lanes),
             deviation=np.stack([way[:, 1], way[:, 0], -way[:, 2]], axis=1),
-            gust=departure.gust_at(self.at_filter.time),
             antenna=antenna,
             antenna_velocity=antenna_velocity,
             ranges=ranges,
             rates=rates,
             departure=departure,
+            motion=there,
         )
 
     def of_run(self, flown: DispersedTrajectories, lane: int) -> RunTrajectory:
@@ -257,7 +269,10 @@ def _without_first(motion: Motion, lanes: int) -> Motion:
     def rest(values: np.ndarray) -> np.ndarray:
         return values.reshape(lanes, -1, *values.shape[1:])[:, 1:].reshape(-1, *values.shape[1:])
 
-    return Motion(**{name: rest(getattr(motion, name)) for name in Motion.__dataclass_fields__})
+    out = Motion(**{name: rest(getattr(motion, name)) for name in Motion.__dataclass_fields__})
+    # what has been derived is not derived again
+    vars(out).update(c_ne=rest(motion.c_ne), c_nb=rest(motion.c_nb))
+    return out
 
 
 def _lanes(values: np.ndarray, lanes: int) -> np.ndarray:

@@ -59,18 +59,19 @@ class Motion:
     """(n, 3) relative to inertial space, body axes."""
 
     @cached_property
-    def _c_ne(self) -> np.ndarray:
+    def c_ne(self) -> np.ndarray:
+        """ECEF axes in NED (n, 3, 3)."""
         return earth.ned_matrix(self.llh)
 
     @cached_property
     def velocity_ned(self) -> np.ndarray:
         """Velocity (n, 3)."""
-        return np.einsum("nij,nj->ni", self._c_ne, self.velocity_ecef)
+        return np.einsum("nij,nj->ni", self.c_ne, self.velocity_ecef)
 
     @cached_property
     def c_nb(self) -> np.ndarray:
         """Body axes in NED (n, 3, 3)."""
-        return self._c_ne @ self.c_eb
+        return self.c_ne @ self.c_eb
 
     @cached_property
     def quaternion(self) -> np.ndarray:
