@@ -13,9 +13,11 @@ run: $(STAMP)            ## fly the main scenario: table, results/landing.h5 and
 # whatever starts Python keeps what it compiles: a start without that takes twice as long, and the tests have hundreds
 export PYTHONDONTWRITEBYTECODE :=
 
-# the tests of a file stay in one process, which makes what they share once
+# the tests of a file stay in one process, which makes what they share once; what fails is run again to show the values
+# in its assertions: to prepare all assertions for that takes each process eight seconds
 test: $(STAMP)           ## the whole test suite
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --assert=plain \
+	  || { $(BIN)/python -m pytest --last-failed --last-failed-no-failures none; false; }
 
 coverage: $(VENV)/.coverage ## the test suite, and the lines of each file that it ran, in processes that it started too
 	$(BIN)/python -m coverage erase

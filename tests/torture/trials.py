@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import random
 import re
@@ -73,7 +74,6 @@ def mutated(commands: Forks, folder: Path, seed: int, count: int, each: int = 0)
     each: how many are to be accepted, and how many refused; more than `count` are drawn for that, up to ten times it.
     """
     tally = Tally()
-    schemas = {kind: jsonschema.Draft202012Validator(section(kind).model_json_schema()) for kind in OF_FILES}
     for mutant in islice(mutants.mutants(sources(), seed), 10 * count):
         if tally.count >= count and min(tally.ended["accepted"], tally.ended["refused"]) >= each:
             break
@@ -81,23 +81,28 @@ def mutated(commands: Forks, folder: Path, seed: int, count: int, each: int = 0)
         done = commands.run("validate", mutants.NAME, cwd=folder, limit_s=HANG_S)
         wrong = done.failure((0, 2))
         if wrong is None and done.code == 0:
-            wrong = _breaks(mutant.data, schemas)
+            wrong = _breaks(mutant.data)
         tally.took(done.seconds, done.peak_mb)
         tally.add(f"{mutant.of}: {mutant.note}", {0: "accepted", 2: "refused"}.get(done.code, "else"), wrong)
     return tally
 
 
-def _breaks(data: Any, schemas: dict[str, Any]) -> str | None:
+@functools.cache
+def _schema(kind: str) -> Any:
+    return jsonschema.Draft202012Validator(section(kind).model_json_schema())
+
+
+def _breaks(data: Any) -> str | None:
     """What an accepted file breaks: a number that is none, or the published schema."""
     if data is None:
         return None
     if not _finite(data):
         return "accepted with a number that is not finite"
-    checker = schemas.get(data.get("kind")) if isinstance(data, dict) else None
-    if checker is None:
+    kind = data.get("kind") if isinstance(data, dict) else None
+    if kind not in OF_FILES:
         return "accepted without a kind that there is"
     errors = [
-        f"{'.'.join(map(str, error.absolute_path))}: {error.message[:100]}" for error in checker.iter_errors(data)
+        f"{'.'.join(map(str, error.absolute_path))}: {error.message[:100]}" for error in _schema(kind).iter_errors(data)
     ]
     return f"accepted against its schema: {errors[0]}" if errors else None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from navsim.scenario.keys import ITEM, NAME, KeyRow, matching, nearest, rows
 from navsim.scenario.load import read_any, section
 
 
+@cache
 def of(kind: str) -> list[KeyRow]:
     return rows(section(kind).model_json_schema())
 
