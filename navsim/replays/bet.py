@@ -102,11 +102,11 @@ class Prediction:
 
 
 def predict(
-    recording: Recording, scenario: Replay, log: str, until: float, done: Callable[[int], None] = lambda _: None
+    recording: Recording, scenario: Replay, until: float, done: Callable[[int], None] = lambda _: None
 ) -> Prediction:
     """Prediction from a first part of a recording up to `until`, s.
 
-    scenario: has the lengths of the outages. log: its name. Raises ReplayError if there is no motion in that part.
+    scenario: has the lengths of the outages. Raises ReplayError if there is no motion in that part.
     """
     settings = tune(recording, done).settings
     lengths = sorted({length for outage in scenario.outages for length in outage.duration_s}) or LENGTHS
@@ -120,7 +120,7 @@ def predict(
         raise ReplayError(f"--bet: no fixes in motion up to {until:g} s predict what follows; give a later time")
     usual = [float(value) if np.isfinite(value) else None for value in recording.fixes.usual_accuracy]
     return Prediction({
-        "navsim": navsim.__version__, "log": log, "until_s": until, "first_fix": _first_fix(recording.fixes),
+        "navsim": navsim.__version__, "until_s": until, "first_fix": _first_fix(recording.fixes),
         "moving_m_s": recording.moving_speed, "lengths_s": list(lengths),
         "settings": dict(zip(recording.tuned, settings.tolist(), strict=True)), "usual_accuracy": usual,
         "shares_percent": list(SHARES), "bands": bands,

@@ -102,9 +102,9 @@ class ReplayJob:
         if self.options.bet is None:
             return Outcome(replay.compute(self.recording, done))
         if self.bet is None:
-            self.bet = predict(self.recording, self.section, str(self.document), self.until, done)
-            assert self.options.bet_file is not None
-            self.bet.write(self.options.bet_file)
+            self.bet = predict(self.recording, self.section, self.until, done)
+            if self.options.bet_file is not None:
+                self.bet.write(self.options.bet_file)
             self.recording = replay.prepare(self.section, self.document)  # only now the rest is read
         score = partial(write_score, prediction=self.bet, recording=self.recording)
         return Outcome(replay.compute(self.recording, done, self.bet.tuning(self.recording), score))

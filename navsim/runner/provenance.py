@@ -25,7 +25,7 @@ CODE, OPTIONS, PROCESSOR, INSTRUCTIONS = "code of navsim", "options", "processor
 """Items: SHA-256 of the package's sources, options that change numbers, type and instruction sets of the processor."""
 LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "h5py", "pyyaml", "pydantic", "sgp4", "shapely")
 """Packages that numbers may depend on."""
-_NUMBERS = ("runs", "first_run", "until", "keep", "method", "time_limit")
+_NUMBERS = ("runs", "first_run", "until", "keep", "method", "time_limit", "bet")
 """Options that change a result; the seed is a root attribute."""
 
 
