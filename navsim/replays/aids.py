@@ -75,29 +75,33 @@ def heading_blocks(headings: Headings, section: HeadingSection, step: float) -> 
 
 @dataclass(frozen=True)
 class OwnNoise:
-    """Samples of sensors at rest: 1 sigma of a sample (3,), rad/s, m/s2; mean rate (3,) and its 1 sigma, rad/s."""
+    """Samples of sensors at rest: 1 sigma of a sample (3,), rad/s, m/s2; mean rates (r, 3) at times (r,), s, and their
+    1 sigma later, rad/s."""
 
     rate: np.ndarray
     force: np.ndarray
+    time: np.ndarray
     mean: np.ndarray
     strays: float
 
 
 def own_noise(rests: list[Standstill], density: tuple[float, float], interval: float, wanted: Search) -> OwnNoise:
-    """Noise of the sensors in the quietest standstill that fixes confirm; of their class where there is none."""
+    """Noise of the sensors in the quietest standstill that fixes confirm, and mean rates of all; of the sensors' class
+    where there is none."""
     if not rests:
         gyro, accel = (np.full(3, each / np.sqrt(interval)) for each in density)
-        return OwnNoise(gyro, accel, np.zeros(3), wanted.gyro_sigma)
+        return OwnNoise(gyro, accel, np.zeros(1), np.zeros((1, 3)), wanted.gyro_sigma)
     quiet = min(rests, key=lambda rest: float(np.linalg.norm(rest.force_sigma)))
-    return OwnNoise(quiet.rate_sigma, quiet.force_sigma, quiet.rate, wanted.gyro_strays)
+    time, mean = np.array([rest.end for rest in rests]), np.array([rest.rate for rest in rests])
+    return OwnNoise(quiet.rate_sigma, quiet.force_sigma, time, mean, wanted.gyro_strays)
 
 
 def pieces_at_rest(samples: Samples, fixes: Fixes, own: OwnNoise, sigma: float) -> np.ndarray:
     """Begin and end (k, 2), s, of the pieces of `WINDOW` seconds at rest.
 
-    The samples decide: each axis scatters by no more than `SCATTER` times the sensors' own noise, the mean rate is that
-    at rest, and so are the pieces before and after, with the same mean specific force: a brake ends with a jerk. A fix
-    that moves can only overrule them; sigma: of its velocity, m/s.
+    The samples decide. Each axis scatters by no more than `SCATTER` times the sensors' own noise, and the mean rate is
+    that of the standstill next to it. So are the pieces before and after, with the same mean specific force: a brake
+    ends with a jerk. A fix that moves can only overrule them; sigma: of its velocity, m/s.
     """
     edges = np.arange(samples.time[0], samples.time[-1] - WINDOW, WINDOW)
     first, last = np.searchsorted(samples.time, edges), np.searchsorted(samples.time, edges + WINDOW)
@@ -113,7 +117,8 @@ def pieces_at_rest(samples: Samples, fixes: Fixes, own: OwnNoise, sigma: float) 
         still &= (variance <= (SCATTER * noise) ** 2).all(axis=1)
         means.append(mean + values[0])
     limit = DRIFTED * np.hypot(own.strays, own.rate / np.sqrt(usual))
-    still &= (np.abs(means[0] - own.mean) <= limit).all(axis=1)
+    nearest = np.argmin(np.abs(edges[:, None] - own.time), axis=1)
+    still &= (np.abs(means[0] - own.mean[nearest]) <= limit).all(axis=1)
     speed = np.linalg.norm(fixes.velocity[:, :2], axis=1)
     fast = fixes.time[speed > min(MOVES, DRIFTED * sigma)]
     still &= np.searchsorted(fast, edges) == np.searchsorted(fast, edges + WINDOW, side="right")

@@ -8,7 +8,7 @@ import numpy as np
 
 from navsim.filter import states
 from navsim.filter.records import NOT_USED, REJECTED
-from navsim.formats.recorded_data import Fixes
+from navsim.formats.recorded_data import Fixes, Headings
 from navsim.geodesy.attitude import dcm_from_quaternion
 from navsim.replays import alignment as aligning
 from navsim.replays import flight as replay
@@ -236,6 +236,16 @@ def warn_of_outages(scenario: Replay, first: float, last: float) -> list[str]:
             flown = f"the replayed part, {first:.1f} to {last:.1f} s"
             out.append(f"outages.{i}: {len(away)} of {len(spans)} are not within {flown}, and not judged: {away[0]}")
     return out
+
+
+def warn_of_headings(headings: Headings | None, first: float, last: float) -> list[str]:
+    """Warning about headings of which none is in the flight, from first to last, s."""
+    if headings is None or np.any((headings.time > first) & (headings.time < last)):
+        return []
+    return [
+        f"heading.file: its headings are of {headings.time[0]:.1f} to {headings.time[-1]:.1f} s, and the flight is of "
+        f"{first:.1f} to {last:.1f} s, so that none is used. They need the clock of the samples"
+    ]
 
 
 def outage_spans(outage: Outage) -> list[tuple[float, float]]:

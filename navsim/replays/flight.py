@@ -742,7 +742,7 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float, stops: bool = 
     of_aids = []
     for which in dict.fromkeys(aid.kind for aid in flight.aids):
         same = [(aid, keep) for aid, keep in zip(flight.aids, aid_rows, strict=True) if aid.kind == which]
-        parts = [aid.take(keep, aid.of_receiver & _within(withheld, arrival, aid.time)) for aid, keep in same]
+        parts = [aid.take(keep, aid.of_receiver & within_outages(withheld, arrival, aid.time)) for aid, keep in same]
         tables[which] = parts[0]._replace(
             value=np.concatenate([part.value for part in parts]),
             variance=np.concatenate([part.variance for part in parts]),
@@ -802,7 +802,7 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float, stops: bool = 
     return _Part(rows, arrival, seen, history.covariance, streak_of(history), begin, end, aid_rows)
 
 
-def _within(withheld: np.ndarray, arrival: np.ndarray, time: np.ndarray) -> np.ndarray:
+def within_outages(withheld: np.ndarray, arrival: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Whether the fix before a time (k,) is withheld (m,)."""
     before = np.searchsorted(arrival, time, side="right") - 1
     return np.asarray(np.concatenate([withheld, [False]])[before])

@@ -41,7 +41,7 @@ from navsim.replays.aids import (
     side_slip_aid,
     side_slip_blocks,
 )
-from navsim.replays.findings import findings, outage_spans, warn_of_outages, warn_of_unflown
+from navsim.replays.findings import findings, outage_spans, warn_of_headings, warn_of_outages, warn_of_unflown
 from navsim.replays.fix_checks import lag_of_velocities
 from navsim.replays.flight_tables import own_or_usual
 from navsim.replays.motion import moving_speed
@@ -365,6 +365,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         raise ReplayError(f"the recording ends with its alignment, at {aligned.time:g} s")
     warnings += warn_of_unflown(scenario, log, first, aligned)
     warnings += warn_of_outages(scenario, aligned.time, float(samples.time[-1]))
+    warnings += warn_of_headings(log.headings, aligned.time, float(samples.time[-1]))
     density = gyro.noise_density, accel.noise_density
     aids = _aids(scenario, samples, fixes.earlier(aligned_by), search, density, max(velocity))
     return Recording(
@@ -481,8 +482,8 @@ def _align(search: aligning.Search, samples: Samples, fixes: Fixes, first: float
         text += f", and the velocities of the fixes are {abs(lag):.1f} s {older} than their positions. Give "
         raise ReplayError(f"{text}gnss.velocity_latency_s, which is that much {'more' if lag > 0.0 else 'less'} than "
                           "gnss.latency_s, or leave out the columns of velocity")  # fmt: skip
-    raise ReplayError(f"{text}; allow more with alignment.heading_sigma_deg, give alignment.heading_deg, or "
-                      "gnss.latency_s where fixes come seconds late")  # fmt: skip
+    raise ReplayError(f"{text}; allow more with alignment.heading_sigma_deg, give alignment.heading_deg, "
+                      "a table of headings (`heading`), or gnss.latency_s where fixes come seconds late")  # fmt: skip
 
 
 def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes) -> tuple[Samples, Fixes, float]:

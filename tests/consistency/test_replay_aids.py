@@ -12,6 +12,8 @@ from navsim.geodesy.attitude import dcm_from_quaternion, dcm_from_rpy, quaternio
 from navsim.replays import study
 from navsim.replays.aids import OwnNoise, pieces_at_rest
 from navsim.replays.alignment import Alignment, turned_to
+from navsim.replays.findings import warn_of_headings
+from navsim.replays.flight import within_outages
 from navsim.results.result import Result
 from navsim.scenario.load import read_replay
 from navsim.scenario.source import InputError
@@ -82,7 +84,7 @@ def test_rest_is_what_the_samples_show() -> None:
     force[time >= 34.0, 0] -= np.interp(time[time >= 34.0], [34.0, 40.0], [0.3, 0.0])
     stamp = np.array([5.0, 30.5])
     fixes = Fixes(stamp, np.zeros((2, 3)), np.array([[0.1, 0.0, 0.0], [0.45, 0.0, 0.0]]))
-    own = OwnNoise(np.full(3, 1e-3), np.full(3, 0.02), np.zeros(3), 1e-4)
+    own = OwnNoise(np.full(3, 1e-3), np.full(3, 0.02), np.zeros(1), np.zeros((1, 3)), 1e-4)
     rests = pieces_at_rest(Samples(time, gyro, force), fixes, own, 0.1)
     # a piece needs one at rest on both sides
     assert rests[:, 0].tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 25.0, 26.0, 27.0, 28.0, 32.0]
@@ -103,8 +105,30 @@ def test_rest_and_wheels_keep_a_car_in_an_outage(tmp_path: Path) -> None:
     assert np.all(aided["/summary/aid_used"] > [90, 3, 3])
 
 
+def test_headings_of_antennas_are_missing_with_the_fixes() -> None:
+    """From the first withheld fix to the next one that is not."""
+    withheld, time = np.array([False, True, True, False]), np.array([-1.0, 0.5, 1.0, 1.5, 2.9, 3.0])
+    missing = within_outages(withheld, np.arange(4.0), time)
+    assert missing.tolist() == [False, False, True, True, True, False]
+
+
+@pytest.mark.long
+def test_the_noise_of_headings_is_tuned(tmp_path: Path) -> None:
+    """By one factor on what the table says, three times too much."""
+    trajectory, rng = quadrotor(), np.random.default_rng(4)
+    log = write_recording(tmp_path, *record(trajectory, 5, fix_rate=4.0))
+    time = np.arange(1.0, 148.0, 0.5)
+    yaw = np.degrees(roll_pitch_yaw(trajectory.motion(time).c_nb)[:, 2]) + rng.normal(0.0, 1.0, time.size)
+    rows = np.c_[time, yaw, np.full(time.size, 3.0)]
+    names = "t_s,heading_deg,sigma_heading_deg"
+    np.savetxt(tmp_path / "heading.csv", rows, "%.6g", ",", header=names, comments="")
+    log.write_text(log.read_text().replace("tuning: none", "heading: {file: heading.csv, source: other}"))
+    found, _ = flown(log, "gnss.velocity_sigma_m_s=[0.1, 0.1]", "imu.gyro.arw_deg_sqrt_h=1")
+    assert np.degrees(found["/tuning/heading_sigma"]) == pytest.approx(1.0, rel=0.15)
+
+
 def test_headings_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
-    """A declination of true headings; magnetic ones of a year without a model."""
+    """A declination of true headings; magnetic ones of a year without a model. Those of another clock are told."""
     log = write_recording(tmp_path, *record(quadrotor(30.0), 5))
     (tmp_path / "heading.csv").write_text("t_s,heading_deg\n1,20\n2,21\n")
     plain = log.read_text()
@@ -114,3 +138,6 @@ def test_headings_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
     log.write_text(plain + "heading: {file: heading.csv}\nepoch: 1990-01-01T00:00:00Z\n")
     with pytest.raises(InputError, match=r"heading\.declination_deg"):
         study.prepare(*read_replay(log))
+    headings = Headings(np.array([1.0, 2.0]), np.zeros(2), np.ones(2), np.array([1.0, 0.0, 0.0]))
+    assert "none is used" in warn_of_headings(headings, 2.0, 9.0)[0]
+    assert warn_of_headings(headings, 1.5, 9.0) == warn_of_headings(None, 1.5, 9.0) == []
