@@ -26,6 +26,8 @@ SCATTER = 2.0
 """A piece at rest scatters less than this many times the sensor's own noise,"""
 DRIFTED = 4.0
 """and its mean rate is that of the Earth and the bias within this many of their sigmas."""
+FEWEST = 10
+"""Pairs of pieces side by side from which on their mean rates show the noise of these."""
 MOVES = 0.5
 """A piece is no rest if a fix in it is faster, m/s, or faster than `DRIFTED` sigmas."""
 
@@ -140,7 +142,10 @@ def rest_aids(
         pieces = [samples.between(begin, end).rate for begin, end in rests]
         mean = np.array([piece.mean(axis=0) for piece in pieces]).reshape(-1, 3)
         count = np.array([piece.shape[0] for piece in pieces]).reshape(-1, 1)
-        table = VehicleTable(mean, own.rate**2 / count, np.eye(3), np.zeros(3))
+        # flicker adds to white noise: the Allan variance of pieces side by side
+        change = np.diff(mean, axis=0)[np.diff(rests[:, 0]) < 1.5 * WINDOW]
+        allan = 0.5 * np.mean(change**2, axis=0) if change.shape[0] >= FEWEST else 0.0
+        table = VehicleTable(mean, np.maximum(own.rate**2 / count, allan), np.eye(3), np.zeros(3))
         out.append(RecordedAid("zero rotation", REST_RATE, rests[:, 1], table))
     return out
 
