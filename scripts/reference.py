@@ -164,6 +164,13 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "sites=[{name: mast, s_m: 300, l1_m: 1500, height_m: 12}, {name: hangar, s_m: -400, l1_m: 200}]",
         )),
         ("placement_optimum", (
+            "set={pseudolites.range_law: cn0}", "pseudolites=[1]", "area=null", "objective=vertical",
+            f"constraints={{permission: fields.geojson, permission_sha256: {_SUM}}}",
+            "sites=[{name: hangar, s_m: -400, l1_m: 200, height_m: 12, ground_m: 8, cost: 300}]",
+            "costs={each: 5000, mast_per_metre: 200, steps: 6, "
+            "power: [{eirp_dbm: -40, cost: 0}, {eirp_dbm: -30, cost: 500}]}",
+        )),
+        ("placement_optimum", (
             "base=beacons_uav.yaml", "pseudolites=null", "beacons={first: 3, last: 4}", "objective=beacons_pdop",
             "area={s_m: [-300, 300], l1_m: [-400, 800], height_m: [2, 15]}", "height_m=0", "period=null",
             "constraints={}",

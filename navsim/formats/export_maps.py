@@ -149,7 +149,11 @@ def _placements(result: Result) -> list[dict[str, Any]]:
                 "s_m": float(result["/optimum/s"][i, k]), "l1_m": float(result["/optimum/l1"][i, k])}  # fmt: skip
         if "/optimum/up" in result:
             properties_["height_m"] = float(result["/optimum/up"][i, k])
-        out.append(_site(f"{letters}{k + 1} of {count}", np.array([*angles, height]), properties_) | {"kind": kind})
+        cost = float(result["/pareto/cost"][i]) if "/pareto/cost" in result else None
+        if cost is not None:
+            properties_["cost"] = cost
+        name = f"{letters}{k + 1} of {count}" + ("" if cost is None else f" for {cost:.6g}")
+        out.append(_site(name, np.array([*angles, height]), properties_) | {"kind": kind})
     return out
 
 

@@ -10,6 +10,7 @@ from navsim.landing.preflight import fix_warnings
 from navsim.landing.simulation_size import ANALYSED_MEMORY, SAMPLE_MEMORY, SIGNAL_MEMORY, simulation_size
 from navsim.landing.sources import glide_epochs
 from navsim.optimization import study as optimize
+from navsim.optimization.flatness import MAP_POINTS
 from navsim.optimization.problem import PENALTY_REQUIREMENT, PlacementProblem, load_of, problem
 from navsim.optimization.progress import SearchMonitor, SearchProgress
 from navsim.optimization.scenario import DOP_OBJECTIVES, Optimize
@@ -66,12 +67,12 @@ class OptimizeJob:
         most = max(study.counts)
         # a map is evaluated in one call, choices of sites in chunks
         at_once = {k: min(math.comb(len(study.sites), k), CHUNK) if study.sites else 0 for k in study.counts}
-        judged_places = max(k * max(optimize.MAP_POINTS**2, at_once[k]) for k in study.counts)
+        judged_places = max(k * max(MAP_POINTS**2, at_once[k]) for k in study.counts)
         signals = SIGNAL_MEMORY * problem.epochs * problem.sources * starts
         glide = int(glide_epochs(scenario, scenario.trajectory())[1].sum())  # epochs for the evaluation of placements
         ruled = study.constraints.distance_m is not None or study.constraints.near_far_db is not None
         judged = _JUDGED_MEMORY * judged_places * glide * ruled
-        result = NUMBER * len(study.counts) * (optimize.MAP_POINTS**2 + 30 * most) + 46 * VARIABLE
+        result = NUMBER * optimize.most_members(study) * (MAP_POINTS**2 + 30 * most) + 46 * VARIABLE
         flown = 0.0
         if study.objective not in DOP_OBJECTIVES or study.constraints.requirements:
             flown = 2.0 * SAMPLE_MEMORY * problem.samples + ANALYSED_MEMORY * problem.epochs

@@ -40,39 +40,45 @@ def optima(results: Sequence[Named]) -> list[Drawing]:
 
 def _front(results: Sequence[Named]) -> Drawing:
     panels = []
-    objectives = list(dict.fromkeys(str(r.attributes["objective"]) for _, r in results))
-    for objective in objectives:
-        mine = [(i, name, r) for i, (name, r) in enumerate(results) if r.attributes["objective"] == objective]
-        what = report.placed(mine[0][2])
+    alike = {(str(r.attributes["objective"]), report.front_of(r).label): None for _, r in results}
+    placed = report.placed(results[0][1])
+    for objective, axis in alike:
+        mine = [
+            (i, name, r) for i, (name, r) in enumerate(results)
+            if r.attributes["objective"] == objective and report.front_of(r).label == axis
+        ]  # fmt: skip
+        points = [report.front_of(r) for _, _, r in mine]
+        what = points[0].label
         on = plot("", what, report.label(mine[0][2]), 300)
         marks, values = [], []
-        for i, name, result in mine:
-            counts, found, met = report.front_points(result)
-            values.append(found)
-            verdicts = (
-                ["requirements met" if each else "requirements not met" for each in met]
-                if met is not None
-                else [""] * len(counts)
-            )
-            of = source(x=counts, y=found, said=verdicts)
-            line(on, of, "y", colour(i))
+        for (i, name, _), front in zip(mine, points, strict=True):
+            values += [front.value, front.runs]
+            said = [f"{number} {placed}" for number in front.names] or [""] * front.x.size
+            if front.met is not None:
+                verdicts = ["requirements met" if each else "requirements not met" for each in front.met]
+                said = [", ".join(filter(None, both)) for both in zip(said, verdicts, strict=True)]
+            line(on, source(x=front.x[front.line], y=front.value[front.line]), "y", colour(i))
+            of = source(x=front.x, y=front.value, said=said)
             marks.append(on.scatter("x", "y", source=of, size=9, color=colour(i), name=name))
-            flown, errors = report.flown_points(result)
-            values.append(errors)
-            runs = source(x=flown, y=errors[:, 0], low=errors[:, 1], high=errors[:, 2])
+            runs = source(x=front.flown, y=front.runs[:, 0], low=front.runs[:, 1], high=front.runs[:, 2])
             on.segment("x", "low", "x", "high", source=runs, line_color=colour(i), line_width=1.5)
             on.scatter("x", "y", source=runs, marker="square", size=6, color=colour(i), fill_color="white")
-            if met is not None:
-                unmet = source(x=counts[~met], y=found[~met])
+            if front.met is not None:
+                unmet = source(x=front.x[~front.met], y=front.value[~front.met])
                 on.scatter("x", "y", source=unmet, marker="x", size=15, line_color=ORANGE, line_width=2)
-        on.xaxis[0].ticker = sorted({int(c) for _, _, r in mine for c in report.front_points(r)[0]})
+            if front.names:
+                labels(on, front.x, front.value, front.names)
+        if not any(front.names for front in points):
+            on.xaxis[0].ticker = sorted({int(x) for front in points for x in front.x})
         reach(on, values)
         text = (report.label(mine[0][2]), "@y{0.0000}")
         tell(on, marks, ("", "$name"), (what, "@x{0}"), text, ("", "@said"))
         panels.append(on)
     judged = any("/pareto/met" in r for _, r in results)
-    checked = any(report.flown_points(r)[0].size for _, r in results)
+    checked = any(report.front_of(r).flown.size for _, r in results)
     caption = "The best found for each number placed."
+    if any(report.front_of(r).names for _, r in results):
+        caption = "Accuracy against cost; the line joins the front, and each point has its number placed."
     caption += " Squares with 95 % intervals: found by runs." if checked else ""
     caption += " Crosses: requirements are not met." if judged else ""
     return Drawing(
@@ -85,7 +91,8 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
     large = str(result.attributes["objective"]) in LARGE
     s, along = result["/map/s"], -result["/map/l1"]
     panels = []
-    for i, count in enumerate(map(int, result["/pseudolites"])):
+    for i in report.plan_rows(result):
+        count = int(result["/pseudolites"][i])
         on = plot(report.plan_title(result, i), "beyond the threshold (= -l1), m", "right of the axis, m", 410)
         values = result["/map/objective"][i]
         known = values[np.isfinite(values)]

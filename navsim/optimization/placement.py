@@ -8,6 +8,7 @@ Source: [1] ICAO Annex 14, vol. I, 3.4 (runway strip) and table 4-1 (approach an
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +19,7 @@ from navsim.formats import geojson
 from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
 from navsim.gnss.interference.horizon import Terrain
 from navsim.gnss.pseudolite import Track, runway_positions
+from navsim.optimization.costs import CostModel, Permitted
 from navsim.optimization.scenario import Constraints, Optimize, Strip, Surfaces
 from navsim.results import files
 from navsim.scenario.base import DEG
@@ -46,14 +48,18 @@ class RunwayPlane:
         out = runway_positions(self.threshold, self.heading, places[..., :2], 0.0)
         if self.terrain is not None:
             out[..., 2] = self.terrain.ground(out)
-        out[..., 2] += self.height if places.shape[-1] == 2 else places[..., 2]
+        out[..., 2] += self.given_heights(places)
         return out
+
+    def given_heights(self, places: np.ndarray) -> np.ndarray | float:
+        """Heights of antennas as the study counts them, above the plane or the ground, m."""
+        return self.height if places.shape[-1] == 2 else places[..., 2]
 
     def heights(self, places: np.ndarray) -> np.ndarray | float:
         """Heights of antennas above the plane, m."""
         if self.terrain is not None:
             return self.llh(places)[..., 2] - self.threshold[2]
-        return self.height if places.shape[-1] == 2 else places[..., 2]
+        return self.given_heights(places)
 
     def above_runway(self, places: np.ndarray) -> np.ndarray:
         """Places (..., 2 or 3) as a scenario has them, whose heights count from the runway."""
@@ -75,8 +81,8 @@ class RunwayPlane:
 class Rules:
     """Constraints of a study over one approach.
 
-    receiver: (e, 3) the antenna during the glide, ECEF m. track: the aircraft during the whole simulation. keep_out: a
-    shapely geometry in (s, l1), or None.
+    receiver: (e, 3) the antenna during the glide, ECEF m. track: the aircraft during the whole simulation. keep_out,
+    permission: shapely geometries in (s, l1), or None. limit: of the cost.
     """
 
     given: Constraints
@@ -85,11 +91,14 @@ class Rules:
     receiver: np.ndarray
     track: Track
     keep_out: Any
+    permission: Any = None
+    costs: CostModel | None = None
+    limit: float = math.inf
 
     def violation(self, places: np.ndarray) -> np.ndarray:
         """Violation of the tightest rule by placements (n, k, c), (n,); zero or less without one, -inf without rules.
 
-        Metres, but for near_far_db, which counts in dB.
+        Metres, but for near_far_db, which counts in dB, and the limit of the cost, in thousandths of it.
         """
         worst = np.full(places.shape[0], -np.inf)
         for excess in self.excesses(places).values():
@@ -115,12 +124,14 @@ class Rules:
             keep(
                 "surfaces", self.plane.heights(places) - surface_height(self.given.surfaces, self.runway_length, s, l1)
             )
-        if self.keep_out is not None:
-            import shapely
+        for rule, area, sign in (("keep_out", self.keep_out, 1.0), ("permission", self.permission, -1.0)):
+            if area is not None:
+                import shapely
 
-            points = shapely.points(s, l1)
-            depth = shapely.distance(points, self.keep_out.boundary)
-            keep("keep_out", np.where(shapely.contains_xy(self.keep_out, s, l1), depth, -depth))
+                depth = shapely.distance(shapely.points(s, l1), area.boundary)
+                keep(rule, sign * np.where(shapely.contains_xy(area, s, l1), depth, -depth))
+        if self.costs is not None and math.isfinite(self.limit):
+            keep("costs", 1e3 * (self.costs.total(places, self.plane.given_heights(places)) / self.limit - 1.0))
         count = places.shape[1]
         if count:
             keep("aircraft", self.track.too_near(self.plane.ecef(places)))
@@ -160,9 +171,9 @@ def surface_height(surfaces: Surfaces, length: float, s: np.ndarray, l1: np.ndar
     return 0.01 * (surfaces.approach_slope_percent * outwards + surfaces.transitional_slope_percent * beside)
 
 
-def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.ndarray) -> Rules:
-    """The constraints ready to be asked, with the checksum of their file. Raises InputError for a keep-out file that
-    cannot be used."""
+def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.ndarray, power: float) -> Rules:
+    """The constraints ready to be asked, with the checksums of their files. power: cost of the transmitter power of a
+    source. Raises InputError for a file of polygons that cannot be used."""
     trajectory = scenario.trajectory()
     threshold = scenario.threshold(trajectory.frame)
     ground = scenario.terrain_around(trajectory.frame) if study.height_above == "ground" else None
@@ -178,33 +189,51 @@ def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.n
     if len(unknown):
         text = f"the files of heights have none at s, l1 of {unknown[0, 0]:.0f}, {unknown[0, 1]:.0f} m"
         raise InputError([Problem(document.place(("height_above",)), "height_above", text)])
-    given, keep_out = study.constraints, None
-    if given.keep_out is not None:
-        key = ("constraints", "keep_out")
-        path = document.resolve(key, given.keep_out)
+    height, sums = scenario.runway.ellipsoidal_m, {}
+    areas: dict[str, list[Permitted]] = {"keep_out": [], "permission": []}
+    for name, found in areas.items():
+        given, key = getattr(study.constraints, name), ("constraints", name)
+        if given is None:
+            continue
+        path = document.resolve(key, given)
         try:
             content = files.content(path, _MOST_BYTES)
             checksum = hashlib.sha256(content).hexdigest()
-            if given.keep_out_sha256 not in (None, checksum):
-                key = ("constraints", "keep_out_sha256")
-                message = f"{given.keep_out} has the checksum {checksum}, not this one"
-                raise InputError([Problem(document.place(key), "constraints.keep_out_sha256", message)])
-            given = given.model_copy(update={"keep_out_sha256": checksum})
-            keep_out = _polygons(content, plane, scenario.runway.ellipsoidal_m)
+            if getattr(study.constraints, f"{name}_sha256") not in (None, checksum):
+                key = ("constraints", f"{name}_sha256")
+                message = f"{given} has the checksum {checksum}, not this one"
+                raise InputError([Problem(document.place(key), f"constraints.{name}_sha256", message)])
+            sums[f"{name}_sha256"] = checksum
+            found += _polygons(content, plane, height, name == "permission")
         except ValueError as error:
             raise InputError([Problem(Place(str(path)), "", f"{error} (named at {document.place(key)})")]) from None
         except OSError as error:
             message = f"{path}: cannot be read: {error.strerror or error}"
-            raise InputError([Problem(document.place(key), "constraints.keep_out", message)]) from None
-    return Rules(given, plane, scenario.runway.length_m, receiver, scenario.track(trajectory), keep_out)
+            raise InputError([Problem(document.place(key), f"constraints.{name}", message)]) from None
+    keep_out, permission = (_whole(found) for found in areas.values())
+    if study.costs is None and any(cost for _, cost in areas["permission"]):
+        message = "polygons have a `cost`, which needs `costs`; `costs: {}` counts this alone"
+        raise InputError([Problem(document.place(("constraints", "permission")), "constraints.permission", message)])
+    return Rules(
+        study.constraints.model_copy(update=sums), plane, scenario.runway.length_m, receiver,
+        scenario.track(trajectory), keep_out, permission, CostModel.of(study, power, tuple(areas["permission"])),
+    )  # fmt: skip
 
 
-def _polygons(content: bytes, plane: RunwayPlane, height: float) -> Any:
-    """The polygons of a GeoJSON file's content, in (s, l1), as one geometry. Raises ValueError for all else in it."""
+def _whole(found: list[Permitted]) -> Any:
+    """All polygons as one geometry; None without any."""
+    import shapely
+
+    return shapely.unary_union([area for area, _ in found]) if found else None
+
+
+def _polygons(content: bytes, plane: RunwayPlane, height: float, priced: bool) -> list[Permitted]:
+    """The polygons of a GeoJSON file's content, in (s, l1), if `priced` with their property `cost`, else with 0. Raises
+    ValueError for all else in it."""
     import shapely
 
     found, pieces = [], 0.0
-    for i, (geometry, _) in enumerate(geojson.features(content)):
+    for i, (geometry, properties) in enumerate(geojson.features(content)):
         kind = geometry.get("type") if isinstance(geometry, dict) else None
         if not isinstance(geometry, dict) or kind not in ("Polygon", "MultiPolygon"):
             raise ValueError(f"feature {i}: {kind!r:.40} is not a Polygon or MultiPolygon")
@@ -212,6 +241,9 @@ def _polygons(content: bytes, plane: RunwayPlane, height: float) -> Any:
             polygon = _geometry(kind, geometry.get("coordinates"))
         except (ValueError, shapely.errors.ShapelyError) as error:
             raise ValueError(f"feature {i}: not a polygon: {error}") from None
+        cost = properties.get("cost", 0.0) if priced else 0.0
+        if type(cost) not in (int, float) or not 0.0 <= cost < math.inf:
+            raise ValueError(f"feature {i}: cost {cost!r:.40} is not a number from 0")
 
         def to_plane(coordinates: np.ndarray) -> np.ndarray:
             llh = np.column_stack([coordinates[:, 1] * DEG, coordinates[:, 0] * DEG, np.full(len(coordinates), height)])
@@ -223,10 +255,10 @@ def _polygons(content: bytes, plane: RunwayPlane, height: float) -> Any:
         if pieces > _MOST_POINTS:
             message = f"more than {_MOST_POINTS:,} points, in steps of {_STEP_DEG:g} degrees along the outlines"
             raise ValueError(f"feature {i}: {message}")
-        found.append(shapely.transform(shapely.segmentize(polygon, _STEP_DEG), to_plane))
+        found.append(Permitted(shapely.transform(shapely.segmentize(polygon, _STEP_DEG), to_plane), float(cost)))
     if not found:
         raise ValueError("no polygons in it")
-    return shapely.unary_union(found)
+    return found
 
 
 _MOST_BYTES = 10_000_000

@@ -40,6 +40,7 @@ from navsim.landing.confirmation import Fly, OfRuns, fly_case, of_runs
 from navsim.landing.plausibility import implausible
 from navsim.landing.preflight import FOLLOW, lone_pseudolite_warning
 from navsim.landing.sources import environment, glide_epochs, touchdown_time
+from navsim.optimization.costs import Member
 from navsim.optimization.placement import ObjectiveFunction, Rules, RunwayPlane, rules
 from navsim.optimization.scenario import (
     BEACON_DISTANCE,
@@ -172,6 +173,23 @@ class PlacementProblem:
     """Runs of a placement."""
     beacons: BeaconGlide | None = None
     """Geometry of beacons, where these are placed."""
+    powers: tuple[PlacementProblem, ...] = ()
+    """The same with each further transmitter power."""
+
+    def of(self, member: Member) -> PlacementProblem:
+        """The problem with the power and the limit of the cost of a search; with a limit it begins near another
+        placement, and one effort is enough."""
+        its = self.powers[member.power - 1] if member.power else self
+        if not member.number:
+            return its
+        study, rules = its.study.model_copy(update={"effort": 1}), replace(its.rules, limit=member.limit)
+        return replace(its, study=study, rules=rules)
+
+    def costs(self, places: np.ndarray) -> np.ndarray:
+        """Cost (k,) of each source of a placement (k, c); nan where the study has no costs."""
+        if self.rules.costs is None:
+            return np.full(len(places), np.nan)
+        return self.rules.costs.each(places[None], self.rules.plane.given_heights(places[None]))[0]
 
     @property
     def flies(self) -> bool:
@@ -248,6 +266,12 @@ class PlacementProblem:
         """Number of coordinates of a position, c: 2, or 3 with its own height."""
         return 3 if self.study.has_heights else 2
 
+    @property
+    def lowest(self) -> float:
+        """Height of the lowest antenna that the study allows, m; of sites without their own."""
+        area = self.study.area
+        return self.study.height_m if area is None or area.height_m is None else area.height_m[0]
+
     def sites(self) -> np.ndarray:
         """The sites to choose from (n, c) s, l1, and height, m."""
         common = self.study.height_m
@@ -265,7 +289,19 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
 
     Raises InputError, and errors of `ask`.
     """
-    bare = base.copy()
+    first, *others = (
+        _with_power(study, document, base, ask if i == 0 else lambda *_: None, i) for i in range(len(study.powers))
+    )
+    warnings = [text for each in (first, *others) for text in each.warnings]
+    return replace(first, powers=tuple(others), warnings=[*dict.fromkeys(warnings)]) if others else first
+
+
+def _with_power(study: Optimize, document: Document, base: Document, ask: Ask, number: int) -> PlacementProblem:
+    """The problem with a transmitter power of the study."""
+    bare, power = base.copy(), study.powers[number]
+    if power is not None:
+        at = document.place(("costs", "power", number))
+        set_value(bare, f"{study.placed}.eirp_dbm", power.eirp_dbm, at, document.folder)
     for key in ("count", "s_m", "l1_m", "sites") if study.beacons is None else ():
         if isinstance(bare.data.get("pseudolites"), dict):
             bare.data["pseudolites"].pop(key, None)
@@ -283,6 +319,9 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         _check_known(sources, starts, document)
     fixes, counted = glide_epochs(scenario, trajectory)
     epochs = fixes[counted]
+    if study.costs is not None and study.costs.power and study.beacons is None and not sources.strength_placed:
+        text = f"the power of pseudolites makes no difference in {study.base}: it needs `range_law: cn0` or jamming"
+        raise _refused(document, ("costs", "power"), text)
     if sources.strength_placed and study.objective in DOP_OBJECTIVES:
         text = (
             f"{study.objective} is evaluated from directions alone. With `interference`, or noise by range_law cn0, "
@@ -332,7 +371,7 @@ def problem(study: Optimize, document: Document, base: Document, ask: Ask = lamb
         own = study.constraints.model_copy(update={"distance_m": distance})
         study = study.model_copy(update={"constraints": own})
     placing = geometry if beacons is None else beacons
-    kept = rules(study, document, scenario, placing.receiver[: epochs.size])
+    kept = rules(study, document, scenario, placing.receiver[: epochs.size], 0.0 if power is None else power.cost)
     study = study.model_copy(update={"constraints": kept.given})
     objective: ObjectiveFunction = partial(_of_geometry, study.objective.removeprefix("beacons_"), placing, kept)
     fly = partial(_fly, study, bare, document, kept.plane)

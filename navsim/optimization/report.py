@@ -3,6 +3,7 @@ number."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,16 +41,36 @@ def site_name(result: Result, k: int) -> str:
     return f"{'PL' if placed(result) == 'pseudolites' else 'B'}{k + 1}"
 
 
+def row_of(result: Result, i: int) -> Cell:
+    """The i-th placement in a table: its number of sources, and its cost where the study has costs."""
+    count = int(result["/pseudolites"][i])
+    if "/pareto/cost" not in result:
+        return cell("{}", count)
+    power = f" ({result['/pareto/eirp'][i]:g} dBm)" if "/pareto/eirp" in result else ""
+    return cell("{} for {:.6g}" + power, count, float(result["/pareto/cost"][i]), names=("number", "cost"))
+
+
+def row_name(result: Result, i: int) -> str:
+    """The i-th placement in words, as in `row_of`."""
+    count, power = int(result["/pseudolites"][i]), ""
+    if "/pareto/eirp" in result:
+        power = f" with {result['/pareto/eirp'][i]:g} dBm"
+    cost = f" for {result['/pareto/cost'][i]:.6g}" if "/pareto/cost" in result else ""
+    return several(count, placed(result)[:-1]) + cost + power
+
+
 def tables(result: Result) -> list[Table | str]:
     """The front, and every placement with its neighbourhood."""
     name = str(result.attributes["objective"])
     variable = result.variables["/pareto/objective"]
     none = variable.attributes["without_pseudolites"]
     heads = (placed(result), "objective", "better than none", "PDOP", "HDOP", "VDOP", "tried", "tightest rule")
-    judged = "/pareto/met" in result
-    front = Table(f"{name}: {variable.long_name}", (*heads, *(("requirements",) if judged else ())))
-    front.add("0", number(none, 4), *([""] * 6), *((_met(result["/pareto/met_without"]),) if judged else ()))
-    for i, count in enumerate(result["/pseudolites"]):
+    judged, costs = "/pareto/met" in result, "/pareto/cost" in result
+    more = (*(("on the front",) if costs else ()), *(("requirements",) if judged else ()))
+    front = Table(f"{name}: {variable.long_name}", (*heads, *more))
+    none_met = (_met(result["/pareto/met_without"]),) if judged else ()
+    front.add("0", number(none, 4), *([""] * 6), *(("",) if costs else ()), *none_met)
+    for i in range(result["/pseudolites"].size):
         value = result["/pareto/objective"][i]
         # a maximised objective gains in the other direction
         gain = value / none - 1 if name in LARGE else 1 - value / none
@@ -61,16 +82,27 @@ def tables(result: Result) -> list[Table | str]:
         margin = result["/optimum/violation"][i]
         room = "none given" if np.isneginf(margin) else _room(result, i, float(-margin))
         evaluations = cell(tried, int(result["/pareto/evaluations"][i]))
-        front.add(cell("{}", int(count)), number(value, 4), gain, *dops, evaluations, room,
+        on = (("yes" if result["/pareto/on_front"][i] else "no"),) if costs else ()
+        front.add(row_of(result, i), number(value, 4), gain, *dops, evaluations, room, *on,
                   *((_met(result["/pareto/met"][i]),) if judged else ()))  # fmt: skip
     if judged:
         front.notes = _fewest(placed(result), int(result["/pareto/fewest"]))
+        if costs and np.isfinite(result["/pareto/cheapest"]):
+            front.notes += f"; the least cost: {result['/pareto/cheapest']:.6g}"
     losses = [f"{100 * loss:.0f} % within, m" for loss in result["/loss"]]
     axes = ("s", "l1", "up") if "/optimum/up" in result else ("s", "l1")
     places = Table(
         "Positions, and how far each may move before the objective worsens (smallest and largest over directions; "
         "*: up to the limit of area or rules)",
-        (placed(result), "name", *(f"{axis}, m" for axis in axes), "latitude, °", "longitude, °", *losses),
+        (
+            placed(result),
+            "name",
+            *(f"{axis}, m" for axis in axes),
+            *(("cost",) if costs else ()),
+            "latitude, °",
+            "longitude, °",
+            *losses,
+        ),
     )
     for i, count in enumerate(result["/pseudolites"]):
         for k in range(int(count)):
@@ -79,7 +111,8 @@ def tables(result: Result) -> list[Table | str]:
             around = result["/optimum/neighbourhood"][i, k]
             reach = [_range_text(row) if explored else "not computed" for row in around]
             where = [number(result[f"/optimum/{axis}"][i, k], 2) for axis in axes]
-            places.add(cell("{}", int(count)), site_name(result, k), *where, *angles, *reach)
+            cost = [cell("{:.6g}", float(result["/optimum/cost"][i, k]))] if costs else []
+            places.add(row_of(result, i), site_name(result, k), *where, *cost, *angles, *reach)
     return [front, *flown(result), *_judged(result), *([requirements(result)] if judged else []), places]
 
 
@@ -94,16 +127,14 @@ def flown(result: Result) -> list[Table | str]:
     heads = (placed(result), *(("covariance analysis", "runs [95 %]") if of_filter else ()), "horizontal, m",
              "vertical, m", "runs")  # fmt: skip
     out = Table("Runs of the best placements (RMS [95 %])", heads)
-    for i, count in enumerate(counts):
+    for i in range(counts.size):
         errors = [interval(result[f"/flown/{part}"][i], 3) for part in ("horizontal", "vertical")]
         both = (
             [number(result["/pareto/objective"][i], 4), interval(result["/flown/objective"][i], 4)] if of_filter else []
         )
-        out.add(cell("{}", int(count)), *both, *(errors if runs[i] else ["not flown"] * 2), cell("{}", int(runs[i])))
+        out.add(row_of(result, i), *both, *(errors if runs[i] else ["not flown"] * 2), cell("{}", int(runs[i])))
     if "/flown/verdict" in result:  # results of before have none
-        text = {
-            several(int(count), placed(result)[:-1]): str(result["/flown/verdict"][i]) for i, count in enumerate(counts)
-        }
+        text = {row_name(result, i): str(result["/flown/verdict"][i]) for i in range(counts.size)}
         out.notes = "\n".join(f"All states, {whose}: {verdict}" for whose, verdict in text.items() if verdict)
     if "/rejected/rejected" not in result:
         return [out]
@@ -124,7 +155,7 @@ def flown(result: Result) -> list[Table | str]:
 
 
 def _judged(result: Result) -> list[Table | str]:
-    counts = [several(int(count), placed(result)[:-1]) for count in result["/pseudolites"]]
+    counts = [row_name(result, i) for i in range(result["/pseudolites"].size)]
     return flown_requirements(result, "Requirements of the best placements", counts)
 
 
@@ -148,8 +179,8 @@ def _fewest(what: str, number: int) -> str:
 
 def requirements(result: Result) -> Table:
     """Every requirement with each number of pseudolites: verdict, value, and margin."""
-    counts = [0, *(int(count) for count in result["/pseudolites"])]
-    heads = ("requirement", "limit", *(several(count, placed(result)[:-1]) for count in counts))
+    counts = [several(0, placed(result)[:-1]), *(row_name(result, i) for i in range(result["/pseudolites"].size))]
+    heads = ("requirement", "limit", *counts)
     out = Table("Requirements: verdict, value, margin to the required size", heads)
     branch = "/requirements"
     for k, statement in enumerate(result[f"{branch}/statement"]):
@@ -185,12 +216,15 @@ def best_plain(result: Result) -> dict[str, Any]:
     judged = "/pareto/met" in result
     if judged:
         out["fewest"] = int(result["/pareto/fewest"]) if int(result["/pareto/fewest"]) >= 0 else None
+        if "/pareto/cheapest" in result:
+            out["cheapest"] = _plain(float(result["/pareto/cheapest"]))
     out["without_pseudolites"] = none if np.isfinite(none) else None
     out["stopped"] = str(result.attributes["stopped"])
     out["placements"] = [
         {
             placed(result): int(count),
             "value": _plain(float(result["/pareto/objective"][i])),
+            **_costs_plain(result, i),
             "finished": bool(result["/pareto/finished"][i]),
             "flown": _flown_plain(result, i),
             "sites": [
@@ -210,6 +244,14 @@ def best_plain(result: Result) -> dict[str, Any]:
         for i, count in enumerate(result["/pseudolites"])
     ]
     return out
+
+
+def _costs_plain(result: Result, i: int) -> dict[str, Any]:
+    """Cost, power and place on the front of the i-th placement as plain data."""
+    if "/pareto/cost" not in result:
+        return {}
+    power = {"eirp_dbm": float(result["/pareto/eirp"][i])} if "/pareto/eirp" in result else {}
+    return {"cost": float(result["/pareto/cost"][i]), "on_front": bool(result["/pareto/on_front"][i])} | power
 
 
 def _flown_plain(result: Result, i: int) -> dict[str, Any] | None:
@@ -259,10 +301,16 @@ def _on_border(result: Result, i: int) -> list[str]:
     return out
 
 
+def plan_rows(result: Result) -> list[int]:
+    """The placements that plans show: all, or with costs those that have a map, if there is one."""
+    computed = result["/map/computed"] > 0
+    some = computed if "/pareto/cost" in result and computed.any() else np.full(computed.size, True)
+    return [int(i) for i in np.flatnonzero(some)]
+
+
 def plan_title(result: Result, i: int) -> str:
     """Objective of the i-th placement, with notes."""
-    count = int(result["/pseudolites"][i])
-    many = several(count, placed(result)[:-1])
+    many = row_name(result, i)
     stopped = "" if result["/pareto/finished"][i] else " (search stopped)"
     border = _on_border(result, i)
     where = f"; on the border of the area: {', '.join(border)}" if border else ""
@@ -277,27 +325,58 @@ def label(result: Result) -> str:
     return variable.long_name + ("" if variable.units == "1" else f", {variable.units}")
 
 
-def front_points(result: Result) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Numbers of pseudolites, including none if known, values reached with each, and whether requirements are met.
+@dataclass(frozen=True)
+class Front:
+    """Accuracy against what it takes, for the drawing and the page; points by number of sources, or by cost."""
 
-    The last is None without requirements.
-    """
-    none = float(result.variables["/pareto/objective"].attributes["without_pseudolites"])
-    counts, values = result["/pseudolites"].astype(int), result["/pareto/objective"]
-    met = result["/pareto/met"].astype(bool) if "/pareto/met" in result else None
-    if np.isfinite(none):
-        counts, values = np.append(0, counts), np.append(none, values)
-        met = None if met is None else np.append(bool(result["/pareto/met_without"]), met)
-    return counts, values, met
+    label: str
+    x: np.ndarray
+    """(n,) number of sources, or cost; the first is without any if that has a value."""
+    value: np.ndarray
+    met: np.ndarray | None
+    """(n,) bool, whether requirements are met; None without requirements."""
+    finished: np.ndarray
+    """(n,) bool."""
+    line: np.ndarray
+    """Indices of the points that a line joins, from left to right: with costs those on the front."""
+    names: list[str]
+    """Numbers of sources, where x is the cost."""
+    flown: np.ndarray
+    """(f,) x of those that runs check: an error of the filter."""
+    runs: np.ndarray
+    """(f, 3) RMS of the runs, with its 95 % interval."""
+
+
+def _spent(result: Result) -> np.ndarray:
+    """Numbers of what is placed, or costs where the study has them."""
+    return result["/pareto/cost"] if "/pareto/cost" in result else result["/pseudolites"].astype(int)
 
 
 def flown_points(result: Result) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of what is placed, and what the runs of the best placements found: RMS with its 95 % interval (n, 3).
-    Empty where the objective is no error of a filter, which runs cannot check."""
+    """Numbers of what is placed, or costs, and what the runs of the best placements found: RMS with its 95 % interval
+    (n, 3). Empty where the objective is no error of a filter, which runs cannot check."""
     errors = result["/flown/objective"]
     there = (result["/flown/runs"] > 0) & np.isfinite(errors).all(axis=1)
     there &= str(result.attributes["objective"]) in FILTER_QUANTITIES
-    return result["/pseudolites"][there].astype(int), errors[there]
+    return _spent(result)[there], errors[there]
+
+
+def front_of(result: Result) -> Front:
+    """The points of the front."""
+    none = float(result.variables["/pareto/objective"].attributes["without_pseudolites"])
+    x, counts, costs = _spent(result), result["/pseudolites"].astype(int), "/pareto/cost" in result
+    met = result["/pareto/met"].astype(bool) if "/pareto/met" in result else None
+    value, finished = result["/pareto/objective"], result["/pareto/finished"] > 0
+    joined = result["/pareto/on_front"] > 0 if costs else np.full(x.size, True)
+    if np.isfinite(none):
+        x, value, finished = np.append(0, x), np.append(none, value), np.append(True, finished)
+        met = None if met is None else np.append(bool(result["/pareto/met_without"]), met)
+        joined, counts = np.append(met is None or met[0] or not costs, joined), np.append(0, counts)
+    line = np.flatnonzero(joined)
+    line = line[np.argsort(x[line], kind="stable")]
+    label = f"cost of the {placed(result)}" if costs else placed(result)
+    return Front(label, x, value, met, finished, line, list(map(str, counts)) if costs else [],
+                 *flown_points(result))  # fmt: skip
 
 
 def used(result: Result) -> tuple[np.ndarray, list[str], np.ndarray]:
@@ -317,14 +396,14 @@ def plan(result: Result) -> Figure:
     from navsim.report.printing import COLUMN, new_figure
     from navsim.report.ridges import shown_ridges
 
-    counts = result["/pseudolites"]
+    rows, counts = plan_rows(result), result["/pseudolites"]
     s, l1, maps = result["/map/s"], result["/map/l1"], result["/map/objective"]
     across, along = s[-1] - s[0], l1[-1] - l1[0]
     height = min(2.7, max(1.3, 5.5 * across / max(along, 1.0)))
-    fig = new_figure(2 * COLUMN, 0.8 + height * len(counts))
-    axes = fig.subplots(len(counts), 1, squeeze=False, sharex=True)[:, 0]
+    fig = new_figure(2 * COLUMN, 0.8 + height * len(rows))
+    axes = fig.subplots(len(rows), 1, squeeze=False, sharex=True)[:, 0]
     large = str(result.attributes["objective"]) in LARGE
-    for i, ax in enumerate(axes):
+    for i, ax in zip(rows, axes, strict=True):
         finite = maps[i][np.isfinite(maps[i])]
         if finite.size:
             shown = np.ma.masked_invalid(maps[i])
@@ -369,33 +448,37 @@ def plan(result: Result) -> Figure:
 
 
 def front(result: Result) -> Figure:
-    """The objective against the number of pseudolites."""
-    from navsim.report.figures import legend_above
+    """The objective against the number of pseudolites, or against their cost, each point with its number."""
+    from navsim.report.figures import label_points, legend_above
     from navsim.report.printing import COLOURS, COLUMN, new_figure
 
     fig = new_figure(COLUMN, 2.4)
     ax = fig.subplots()
-    counts, values, met = front_points(result)
-    ax.plot(counts, values, "o-", color=COLOURS[0], ms=4)
-    flown_with, errors = flown_points(result)
-    if flown_with.size:
-        reach = np.abs(errors[:, 1:] - errors[:, :1]).T
-        ax.errorbar(flown_with, errors[:, 0], reach, fmt="s", color=COLOURS[1], ms=3, capsize=3, lw=0.9,
+    of = front_of(result)
+    ax.plot(of.x[of.line], of.value[of.line], "o-", color=COLOURS[0], ms=4)
+    others = np.setdiff1d(np.arange(of.x.size), of.line)
+    if others.size:
+        ax.plot(of.x[others], of.value[others], "o", color=COLOURS[0], mfc="white", ms=4, label="not on the front")
+    if of.flown.size:
+        reach = np.abs(of.runs[:, 1:] - of.runs[:, :1]).T
+        ax.errorbar(of.flown, of.runs[:, 0], reach, fmt="s", color=COLOURS[1], ms=3, capsize=3, lw=0.9,
                     label="by runs, with 95 % interval")  # fmt: skip
-    unfinished = np.isin(counts, result["/pseudolites"][result["/pareto/finished"] == 0])
     title = None
-    if unfinished.any():
+    if not of.finished.all():
         hollow: dict[str, Any] = {"color": COLOURS[0], "mfc": "white", "ms": 5, "label": "search stopped"}
-        ax.plot(counts[unfinished], values[unfinished], "o", **hollow)
-    if met is not None:
-        ax.plot(counts[~met], values[~met], "x", color=COLOURS[1], ms=9, label="requirements not met", clip_on=False)
+        ax.plot(of.x[~of.finished], of.value[~of.finished], "o", **hollow)
+    if (met := of.met) is not None:
+        ax.plot(of.x[~met], of.value[~met], "x", color=COLOURS[1], ms=9, label="requirements not met", clip_on=False)
         fewest = int(result["/pareto/fewest"])
         title = f"requirements met with {fewest}" if fewest >= 0 else "requirements met with none"
     legend_above(fig, ax, 1, title)
-    ax.set_xticks(counts)
     ax.set_ylim(bottom=0.0)
-    ax.set_xlabel(placed(result))
+    ax.set_xlabel(of.label)
     ax.set_ylabel(label(result))
+    if of.names:
+        label_points(ax, of.names, of.x, of.value)
+    else:
+        ax.set_xticks(of.x)
     return fig
 
 

@@ -118,6 +118,10 @@ class SiteChoice(Section):
     """distance before the threshold"""
     height_m: Signed | None = None
     """height of the antenna above the runway; omitted: height_m of the study"""
+    ground_m: Signed | None = None
+    """height of the ground, or roof, that a mast stands on there, counted as height_m; omitted: 0. For `costs`"""
+    cost: NonNegative | None = None
+    """what permission to stand there costs; omitted: nothing. For `costs`"""
 
 
 class Constraints(Section):
@@ -130,6 +134,11 @@ class Constraints(Section):
     keep_out: str | None = None
     """GeoJSON file with polygons (longitude, latitude) to keep out of, relative to this file"""
     keep_out_sha256: Checksum | None = None
+    """checksum of that file; when given, another file is refused"""
+    permission: str | None = None
+    """GeoJSON file with polygons (longitude, latitude) to stay within, relative to this file. The property `cost` of a
+    polygon is what permission costs there, for each source; omitted: nothing"""
+    permission_sha256: Checksum | None = None
     """checksum of that file; when given, another file is refused"""
     spacing_m: NonNegative = 0.0
     """least distance between pseudolites, or beacons"""
@@ -145,8 +154,9 @@ class Constraints(Section):
 
     @model_validator(mode="after")
     def _upwards(self) -> Self:
-        if self.keep_out_sha256 is not None and self.keep_out is None:
-            raise reject("there is no keep_out: give it, or leave the checksum out", "keep_out_sha256")
+        for key in ("keep_out", "permission"):
+            if getattr(self, f"{key}_sha256") is not None and getattr(self, key) is None:
+                raise reject(f"there is no {key}: give it, or leave the checksum out", f"{key}_sha256")
         if self.distance_m is not None and not 0.0 <= self.distance_m[0] < self.distance_m[1]:
             raise reject("expected a least distance, then a larger one", "distance_m")
         return self
@@ -159,6 +169,31 @@ class Period(Section):
     """length of the period; GLONASS repeats its ground track after 7.99 days, 191.5 h"""
     count: Annotated[int, Field(ge=2, le=10_000)]
     """number of start times, evenly spread from the base scenario's epoch on"""
+
+
+class PowerChoice(Section):
+    """A transmitter power that can be bought."""
+
+    eirp_dbm: Annotated[float, Field(ge=-150.0, le=100.0)]
+    """replaces eirp_dbm of the base scenario's pseudolites or beacons, for all of them; range and noise follow from
+    their link budget"""
+    cost: NonNegative = 0.0
+    """further cost of a source with this power"""
+
+
+class Costs(Section):
+    """What sources cost, in any one currency. navsim then seeks the front of accuracy against cost."""
+
+    each: NonNegative = 0.0
+    """cost of a source without mast and permission"""
+    mast_per_metre: NonNegative = 0.0
+    """cost of each metre of its antenna's height above the ground, which is at 0 m but for `sites` with their
+    ground_m"""
+    power: ListOf[PowerChoice] = ()
+    """transmitter powers to choose from, one for all sources of a placement; omitted: that of the base scenario"""
+    steps: Annotated[int, Field(ge=1, le=50)] = 4
+    """for each number of sources and each power: steps from the cost of the most accurate placement down to the least
+    cost, with a search below each"""
 
 
 class Optimize(Section):
@@ -193,6 +228,8 @@ class Optimize(Section):
     """what all heights of the study count from; ground: that of the files of heights under `terrain` of the base"""
     constraints: Constraints = Constraints()
     """constraints on a placement"""
+    costs: Costs | None = None
+    """what sources cost; omitted: navsim seeks accuracy against their number alone"""
     period: Period | None = None
     """start times over which a geometric objective is taken; left out: the base scenario's epoch alone"""
     effort: Annotated[int, Field(ge=1, le=100)] = 3
@@ -212,6 +249,10 @@ class Optimize(Section):
             raise reject(f"there are only {len(self.sites)} sites", self.placed)
         if self.height_m and self.area is not None and self.area.height_m is not None:
             raise reject("area.height_m is where the height is searched; give one of both", "height_m")
+        for i, site in enumerate(self.sites if self.costs is None else ()):
+            for key in ("ground_m", "cost"):
+                if getattr(site, key) is not None:
+                    raise reject("is for `costs`, which is not given; `costs: {}` counts this alone", "sites", i, key)
         self._check_objective()
         if self.period is not None and (self.objective not in DOP_OBJECTIVES or self.constraints.requirements):
             raise reject(
@@ -253,6 +294,11 @@ class Optimize(Section):
         return (
             self.area.height_m is not None if self.area is not None else any(s.height_m is not None for s in self.sites)
         )
+
+    @property
+    def powers(self) -> tuple[PowerChoice | None, ...]:
+        """The transmitter powers to choose from; None for that of the base scenario."""
+        return (self.costs.power if self.costs is not None else ()) or (None,)
 
     def site(self, place: Sequence[float]) -> dict[str, float]:
         """Keys of a site of the base scenario at a position: s, l1, and the height where it has its own, m."""

@@ -79,6 +79,10 @@ _FINISHING = (100.0, 10.0, 1.0)
 _FINISHING_TRIES = 200
 
 
+_NEAR = 0.1
+"""1 sigma of a population around a placement, as a share of the area."""
+
+
 _MORE = 4000
 """Positions tried for one more pseudolite beside those found before."""
 
@@ -267,17 +271,25 @@ class Evaluator:
 
 
 def search_one(
-    problem: PlacementProblem, count: int, seed: int, earlier: np.ndarray | None, watch: SearchMonitor
+    problem: PlacementProblem,
+    count: int,
+    seed: int,
+    earlier: np.ndarray | None,
+    watch: SearchMonitor,
+    near: np.ndarray | None = None,
 ) -> Found:
-    """The best placement of `count` pseudolites. earlier: the best of fewer. Raises NoPlacement, TimeUp."""
+    """The best placement of `count` pseudolites. earlier: the best of fewer; near: one of as many, from which the
+    search by an objective of geometry begins. Raises NoPlacement, TimeUp."""
     watch.begin()
     trials = Evaluator(problem, watch, searching=True)
     if problem.study.sites:
         choose = _choose_analysed if problem.analysed else _choose
         places, value, others, every = choose(problem, count, seed, trials, watch)
-    else:
+    elif problem.analysed or near is None:
         place = _place_analysed if problem.analysed else _place
         places, value, others, every = place(problem, count, seed, earlier, trials, watch)
+    else:
+        places, value, others, every = _place_near(problem, count, seed, near, trials, watch)
     if value >= PENALTY_CONSTRAINT or (value >= PENALTY_UNSOLVED and problem.requirements is None):
         what = "protection level" if problem.study.objective in LEVEL_OBJECTIVES else "fix"
         what = "position from the ranges of beacons" if problem.study.objective in BEACON_OBJECTIVES else what
@@ -344,6 +356,23 @@ def _place(
             if reached < lowest:
                 best, lowest = x.reshape(count, -1), reached
     return _Best(best, lowest)
+
+
+def _place_near(
+    problem: PlacementProblem, count: int, seed: int, near: np.ndarray, trials: Evaluator, watch: SearchMonitor
+) -> _Best:
+    """`_place` with one population, half of it around a placement."""
+    rng, bounds = np.random.default_rng([seed, count, 2000]), _bounds(problem, count)
+    size = (near.size * _POPULATION // 4, near.size)
+    around = near.ravel() + _NEAR * (bounds.ub - bounds.lb) * rng.standard_normal(size)
+    start = np.concatenate([np.clip(around, bounds.lb, bounds.ub), rng.uniform(bounds.lb, bounds.ub, size)])
+    with watch.step(_step_name(problem, count, _EVOLVING)):
+        best = _evolve(problem, trials.at_once, bounds, rng, _GENERATIONS // 2, 1, start)[0]
+        x, reached = _finish(
+            lambda x: float(trials.at_once(x.reshape(1, count, -1))[0]), best.ravel(), bounds, _FINISHING[1:],
+            _FINISHING_TRIES // 2,
+        )  # fmt: skip
+    return _Best(x.reshape(count, -1), reached)
 
 
 def _bounds(problem: PlacementProblem, count: int) -> Bounds:

@@ -73,6 +73,7 @@ _PSEUDOLITES = (
 )  # fmt: skip
 _BEACONS = (
     "DOPs of two-way and one-way ranges, alone and with satellites",
+    "DOPs of ranges, without and with a clock",
     "predicted range, noise and gate of a beacon without bias",
 )  # fmt: skip
 _HEIGHTS = (

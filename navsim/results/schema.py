@@ -1351,10 +1351,12 @@ _SWEEP = Chapter(
 )  # fmt: skip
 
 _MEETING = "with `constraints.requirements`"
+_COSTING = "with `costs`"
 _HEIGHTS_FOUND = "where heights are searched, or differ between sites"
 _OPTIMIZE = Chapter(
     "Best placements",
-    "By number of pseudolites; a placement of fewer than the most is filled up with nan.",
+    "By number of pseudolites; a placement of fewer than the most is filled up with nan. With `costs` several "
+    "placements have the same number, the cheapest of them first.",
     (
         _a("/pseudolites", "pseudolites", "1", "number of pseudolites, or of the beacons that are placed", OPTIMIZE,
            WHOLE),
@@ -1369,6 +1371,13 @@ _OPTIMIZE = Chapter(
            OPTIMIZE, WHOLE),
         _a("/pareto/every_choice", "pseudolites", "1", "1: every choice was tried", OPTIMIZE, WHOLE),
         _a("/pareto/finished", "pseudolites", "1", "1: the search came to its end, 0: it was stopped", OPTIMIZE, WHOLE),
+        _a("/pareto/cost", "pseudolites", "1", "cost of the placement, in the currency of the study", OPTIMIZE,
+           when=_COSTING),
+        _a("/pareto/on_front", "pseudolites", "1", "1: no other placement is at least as accurate and as cheap, and "
+           "better in one of both", OPTIMIZE, WHOLE, when=_COSTING),
+        _a("/pareto/eirp", "pseudolites", "dBm", "transmitter power, EIRP", OPTIMIZE, when="with `costs.power`"),
+        _a("/optimum/cost", "pseudolites pseudolite", "1", "cost of each, with mast and permission", OPTIMIZE,
+           when=_COSTING),
         _a("/optimum/explored", "pseudolites", "1", "1: the neighbourhood was computed", OPTIMIZE, WHOLE),
         _a("/optimum/s", "pseudolites pseudolite", "m", "right of the runway's axis", OPTIMIZE),
         _a("/optimum/l1", "pseudolites pseudolite", "m", "before the threshold", OPTIMIZE),
@@ -1419,6 +1428,8 @@ _OPTIMIZE = Chapter(
         _a("/pareto/met_without", "", "1", "the same without pseudolites", OPTIMIZE, WHOLE, when=_MEETING),
         _a("/pareto/fewest", "", "1", "fewest pseudolites with which they are met, 0 if none are needed, -1 if no "
            "number is enough", OPTIMIZE, WHOLE, when=_MEETING),
+        _a("/pareto/cheapest", "", "1", "least cost with which they are met, nan if none is enough", OPTIMIZE,
+           when=f"{_MEETING}, {_COSTING}"),
         *(
             _a(f"/requirements/{name}", "requirement", "1", meaning, OPTIMIZE, of, when=_MEETING)
             for name, meaning, of in (

@@ -60,6 +60,21 @@ def test_two_way_dops(within: Within) -> None:
         np.testing.assert_allclose(mixed, np.sqrt(expected), rtol=within["DOPs"])
 
 
+@pytest.mark.validates("DOPs of ranges, without and with a clock", "sidereon 3.0.4, 1000 layouts", "(relative)",
+                       DOPs="1e-9")  # fmt: skip
+def test_dops_of_another_program(within: Within) -> None:
+    """It has a clock. With a beacon opposite of each that has no part in the position, whose information doubles."""
+    sidereon, rng = pytest.importorskip("sidereon"), np.random.default_rng(7)
+    equator = sidereon.Wgs84Geodetic(0.0, 0.0)  # up, east, north are ECEF's axes there
+    for _ in range(1000):
+        away = rng.uniform(-1.0, 1.0, (int(rng.integers(5, 9)), 3)) * [800.0, 800.0, rng.uniform(30.0, 300.0)]
+        u = (away / np.sqrt((away**2).sum(axis=1))[:, None])[:, [2, 0, 1]]
+        for one_way, lines in ((True, u), (False, np.concatenate([u, -u]))):
+            theirs = sidereon.gnss_dop(lines, np.ones(len(lines)), equator)
+            expected = np.sqrt(len(lines) / len(u)) * np.array([theirs.pdop, theirs.hdop, theirs.vdop])
+            np.testing.assert_allclose(range_dops(away[None], one_way)[0], expected, rtol=within["DOPs"])
+
+
 def test_three_beacons_are_enough_and_have_no_clock() -> None:
     """Three rows at right angles: each coordinate is a range. GDOP is PDOP, and there is no TDOP."""
     g, p, h, v, t = dops(np.eye(3)[None], np.full(3, -1))[0]
@@ -118,6 +133,7 @@ def wgs84(lat: float, lon: float, height: float) -> np.ndarray:
     "predicted range, noise and gate of a beacon without bias",
     "fusion rule of PX4's EKF2, written anew",
     ranges="4e-9 m",
+    variance="1e-9 (relative)",
 )
 def test_rule_of_an_autopilot(within: Within) -> None:
     """Innovation |p - p_beacon| - r in ECEF, R the larger of reported and configured noise, rejection where the squared
@@ -149,14 +165,12 @@ def test_rule_of_an_autopilot(within: Within) -> None:
         reported = 0.4**2
         assert r[0, 0] == pytest.approx(max(reported, 0.1**2), abs=1e-15)
         north = np.array([-math.sin(lat) * math.cos(lon), -math.sin(lat) * math.sin(lon), math.cos(lat)])
-        east, up = (
-            np.array([-math.sin(lon), math.cos(lon), 0.0]),
-            wgs84(lat, lon, height + 1.0) - wgs84(lat, lon, height),
-        )
+        east = np.array([-math.sin(lon), math.cos(lon), 0.0])
+        up = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
         unit = delta / math.sqrt(delta @ delta)
         along = np.array([unit @ north, unit @ east, -unit @ up])
         variance = along @ p[:3, :3] @ along + max(reported, 0.1**2)
-        assert h[0] @ p @ h[0] + r[0, 0] == pytest.approx(variance, abs=1e-6)
+        assert h[0] @ p @ h[0] + r[0, 0] == pytest.approx(variance, rel=within["variance"])
         ours = z[0] ** 2 > gate**2 * (h[0] @ p @ h[0] + r[0, 0])
         assert ours == (innovation**2 > gate**2 * variance)
         rejected += ours

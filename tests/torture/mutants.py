@@ -54,7 +54,7 @@ FILES = (
     "x" * 300,
     "x/" * 3000, "DANGLING", "BINARY", "/etc/shadow",
 )  # fmt: skip
-FILE_KEYS = {"base", "file", "almanac", "navigation", "orbits", "keep_out"}
+FILE_KEYS = {"base", "file", "almanac", "navigation", "orbits", "keep_out", "permission"}
 NAME = "MUTANT.yaml"
 """What a mutant is to be called, for it may name itself."""
 

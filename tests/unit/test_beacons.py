@@ -248,8 +248,8 @@ def test_a_search_chooses_the_best_sites(tmp_path: Path) -> None:
     names = [row.cells[1] for table in tables(result) if isinstance(table, Table) for row in table.rows]
     assert {"B1", "B2", "B3"} <= set(map(str, names))
     left_out = {"beacons_hdop": np.array([25.0]), "beacons_vdop": np.array([9.0])}
-    assert other_dop_warnings(posed, [3], [{name: result[f"/optimum/{name}"] for name in left_out}]) == []
-    (warned,) = other_dop_warnings(posed, [3], [left_out])
+    assert other_dop_warnings(posed, ["3 beacons"], [{name: result[f"/optimum/{name}"] for name in left_out}]) == []
+    (warned,) = other_dop_warnings(posed, ["3 beacons"], [left_out])
     assert warned == "3 beacons: HDOP is 25 there, since beacons_vdop does not ask for it; minimise beacons_pdop"
     (text,) = write_kml(result, tmp_path / "best").values()
     assert all(f"<name>B{k} of 3</name>" in text for k in (1, 2, 3))

@@ -32,6 +32,7 @@ NAMING = [
     ("placement_sweep", ["base=none.yaml"], "base"),
     ("placement_optimum", ["base=none.yaml"], "base"),
     ("placement_optimum", ["constraints.keep_out=none.geojson"], "constraints.keep_out"),
+    ("placement_optimum", ["constraints.permission=none.geojson"], "constraints.permission"),
 ]
 """Template, what names a file that is not there, the key that is blamed."""
 

@@ -170,15 +170,15 @@ def collection(features: Any) -> bytes:
 )  # fmt: skip
 def test_what_is_no_keep_out(content: bytes, said: str) -> None:
     with pytest.raises(ValueError, match=said) as caught:
-        _polygons(content, GROUND, 0.0)
+        _polygons(content, GROUND, 0.0, False)
     assert len(str(caught.value)) < 300
 
 
 def test_keep_outs_of_both_kinds() -> None:
     """A square with a hole, 1113.5 m from south to north (an arc of 0.01 degrees on the ellipsoid)."""
     hole = [[x * 0.5 + 18.5025, y * 0.5 + 28.0025] for x, y in SQUARE]
-    one = _polygons(collection([feature([SQUARE, hole])]), GROUND, 0.0)
-    several = _polygons(collection([feature([[SQUARE, hole]], "MultiPolygon")]), GROUND, 0.0)
+    ((one, _),) = _polygons(collection([feature([SQUARE, hole])]), GROUND, 0.0, True)
+    ((several, _),) = _polygons(collection([feature([[SQUARE, hole]], "MultiPolygon")]), GROUND, 0.0, False)
     assert one.equals(several)
     low, high = one.bounds[1::2]
     assert high - low == pytest.approx(1113.5, abs=1.0)

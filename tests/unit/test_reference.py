@@ -107,6 +107,7 @@ WITHOUT_UNIT = {
     "max_rejected", "components", "samples", "receivers", "effective_samples",
     "runs", "study_runs", "steps", "experiments",  # counts
     "lift_slope", "side_force_slope", "drag",  # coefficients
+    "each", "mast_per_metre", "cost",  # in a currency
     "count", "pseudolites", "beacons", "effort", "min_satellites",
     "h0", "h_minus2", "rate_sigma", "alpha", "beta", "initial_variance",  # what it means says the unit
     "first", "last", "step",  # in the unit of the key that is varied
