@@ -171,7 +171,7 @@ def section() -> list[str]:
     """Lines of the page `docs/replay-measured.md`."""
     return [
         "",
-        "## Twelve simulated flights",
+        "## Simulated flights",
         "",
         f"Each row has {DRAWS} simulated flights: circuits of 170 s, in the last three rows of 150 s with a small "
         "quadrotor. Each flight draws biases, white noise (two to three times as large in motion), latency, jitter of "
