@@ -108,11 +108,11 @@ def _predicted(result: Result) -> list[Table | str]:
 
 
 def _aids(result: Result) -> list[Table]:
-    """Measurements beside the fixes, if there are any."""
+    """Further measurements, if there are any."""
     if "/summary/aid" not in result:
         return []
     motion = [str(name) for name in result["/summary/motion"]]
-    out = Table("Measurements beside the fixes", ("what", "used", "rejected", *(f"NIS, {name}" for name in motion)))
+    out = Table("Further measurements", ("what", "used", "rejected", *(f"NIS, {name}" for name in motion)))
     for i, name in enumerate(result["/summary/aid"]):
         counts = (cell("{}", int(result[f"/summary/aid_{which}"][i])) for which in ("used", "rejected"))
         out.add(str(name), *counts, *(number(float(nis), 2) for nis in result["/summary/aid_nis"][i]))

@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 
 from navsim.formats import rinex_write
 from navsim.formats.almanac import AlmanacFile, read_almanac
-from navsim.formats.recording import read_fixes, read_imu
+from navsim.formats.recording import read_fixes, read_headings, read_imu
 from navsim.formats.rinex_nav import read_nav
 from navsim.formats.rinex_obs import read_obs
 from navsim.formats.sp3 import read_sp3
@@ -123,6 +123,9 @@ GNSS = "t_s,lat_deg,lon_deg,h_m,vn_m_s,ve_m_s,vd_m_s\n" + "".join(
 )
 
 
+HEADING = "t_s,heading_deg,sigma_heading_deg\n" + "".join(f"{k}.0,{20 + k}.5,{k % 2 or ''}\n" for k in range(8))
+
+
 def sentence(body: str) -> str:
     check = 0
     for character in body:
@@ -146,6 +149,11 @@ def zipped(data: bytes) -> bytes:
 
 def almanac(path: Path) -> Any:
     return read_almanac(path, UTC)
+
+
+def headings(path: Path, lenient: bool = False) -> Any:
+    *columns, dropped = read_headings(path, lenient, {}, "s")
+    return np.column_stack(columns), dropped
 
 
 ION = """> ION G25 LNAV
@@ -174,6 +182,7 @@ READERS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "tle": (almanac, TLE),
     "imu": (read_imu, IMU),
     "gnss": (read_fixes, GNSS),
+    "heading": (headings, HEADING),
     "nmea": (read_fixes, NMEA),
     "logged": (read_fixes, LOGGED),
 }
