@@ -71,6 +71,8 @@ class SearchOutcome:
     """See `objective_map`; of searches without a limit of the cost."""
     confirmed: dict[Member, Confirmation] = field(default_factory=dict)
     """Runs of the best placements."""
+    impossible: dict[Member, NoPlacement] = field(default_factory=dict)
+    """Searches without a placement, where another transmitter power has one."""
     every_limit: bool = False
     """All searches with a limit of the cost are done."""
     stopped: str = ""
@@ -79,7 +81,8 @@ class SearchOutcome:
     def undone(self, study: Optimize) -> list[str]:
         """Remaining work on the numbers of pseudolites, or beacons, of a study."""
         out = []
-        unlimited, limited = _unlimited(study), {one for one in self.found if one.number}
+        unlimited = [one for one in _unlimited(study) if one not in self.impossible]
+        limited = {one for one in self.found if one.number}
         for what, due, done in (
             ("the search", {*unlimited}, {one for one, found in self.found.items() if found.finished}),
             ("the neighbourhood", limited.union(unlimited), self.neighbourhoods.keys()),
@@ -102,7 +105,7 @@ def search(problem: PlacementProblem, seed: int, watch: SearchMonitor | None = N
     """The best placement for every number of pseudolites the study asks for. Raises NoPlacement."""
     watch = watch or SearchMonitor()
     watch.plan(_search_steps(problem))
-    return {one.count: found for one, found in _searches(problem, seed, watch, SearchLog())}
+    return {one.count: found for one, found in _searches(problem, seed, watch, SearchLog(), {})}
 
 
 def planned(problem: PlacementProblem) -> list[Step]:
@@ -142,13 +145,24 @@ def _search_steps(problem: PlacementProblem) -> list[Step]:
 
 
 def _searches(
-    problem: PlacementProblem, seed: int, watch: SearchMonitor, journal: SearchLog
+    problem: PlacementProblem,
+    seed: int,
+    watch: SearchMonitor,
+    journal: SearchLog,
+    impossible: dict[Member, NoPlacement],
 ) -> Iterator[tuple[Member, Found]]:
-    """Without a limit of the cost."""
+    """Without a limit of the cost. Adds to `impossible`; raises NoPlacement for a number that no power can do."""
     earlier: np.ndarray | None = None
+    last = len(problem.study.powers) - 1
     for one in _unlimited(problem.study):
         earlier = None if one.count == problem.study.counts[0] else earlier
-        found = _search(problem, one, seed, earlier, watch, journal)
+        try:
+            found = _search(problem, one, seed, earlier, watch, journal)
+        except NoPlacement as error:
+            impossible[one] = error
+            if one.power == last and all(Member(one.count, power) in impossible for power in range(last)):
+                raise
+            continue
         earlier = found.places
         yield one, found
 
@@ -176,7 +190,7 @@ def _below_limits(
     if costs is None:
         return
     try:
-        for one in _unlimited(problem.study):
+        for one in sorted(outcome.found, key=lambda one: (one.power, one.count)):
             best, its = outcome.found[one], problem.of(one)
             assert its.rules.costs is not None
             earlier = fewer[one.power].places if one.power in fewer else None
@@ -258,7 +272,7 @@ def solve(
             for fidelity, judge in ((FULL, problem.objective), (COARSE, problem.coarse)):
                 with watch.trying(fidelity, 1):
                     judge(nothing)
-        for one, found in _searches(problem, seed, watch, journal):
+        for one, found in _searches(problem, seed, watch, journal, outcome.impossible):
             outcome.found[one] = found
         _below_limits(problem, outcome, seed, watch, journal)
         members = sorted(outcome.found)
@@ -270,7 +284,7 @@ def solve(
             watch.best, watch.places = best.value, best.places
             with watch.step(_around(problem, one.count)):
                 outcome.neighbourhoods[one] = step("around", one, neighbourhood, best)
-        for one in _unlimited(problem.study):
+        for one in (one for one in _unlimited(problem.study) if one in outcome.found):
             best = outcome.found[one]
             watch.best, watch.places = best.value, best.places
             with watch.step(_mapping(problem, one.count)):
@@ -350,7 +364,8 @@ def _judges(problem: PlacementProblem, suffix: str) -> ObjectiveFunctions:
 
 def _keep_unfinished(problem: PlacementProblem, outcome: SearchOutcome, watch: SearchMonitor) -> None:
     """The best so far of the search without a limit of the cost that was stopped."""
-    one = next((one for one in _unlimited(problem.study) if one not in outcome.found), None)
+    known = outcome.found.keys() | outcome.impossible
+    one = next((one for one in _unlimited(problem.study) if one not in known), None)
     if one is None or watch.places is None or len(watch.places) != one.count:
         return
     best = problem.of(one).judged(watch.places[None])
@@ -453,7 +468,12 @@ def optimize_result(problem: PlacementProblem, outcome: SearchOutcome, seed: int
     out = draft.result(attributes)
     flown = [each for one in members if one in outcome.confirmed
              for each in outcome.confirmed[one].findings(_named(problem, outcome, one), _at)]  # fmt: skip
-    told = judging.notes([*problem.warnings, *_on_pavement(problem, outcome)])
+    weak = [
+        f"with {power.eirp_dbm:g} dBm: {error}"
+        for one, error in outcome.impossible.items()
+        if (power := study.powers[one.power]) is not None
+    ]
+    told = judging.notes([*problem.warnings, *weak, *_on_pavement(problem, outcome)])
     if problem.beacons is not None:
         told += judging.notes(other_dop_warnings(problem, [_named(problem, outcome, one) for one in members], others))
     out.variables.update(kept(told + _findings(problem, outcome) + flown + unmet))

@@ -24,6 +24,7 @@ from navsim.optimization.scenario import Optimize
 from navsim.optimization.search_log import SearchLog
 from navsim.optimization.study import SearchOutcome, optimize_result, solve
 from navsim.report.table import Table
+from navsim.results.findings import of
 from navsim.results.result import Result
 from navsim.runner.checkpoint import CheckpointStore
 from navsim.scenario.load import read_study
@@ -221,6 +222,22 @@ def test_a_stopped_search_continues(tmp_path: Path, result: Result) -> None:
     assert again.attributes["undone"] == "the neighbourhood for 3, 4 beacon(s); the map for 3, 4 beacon(s)"
     for path in ("/pareto/objective", "/pareto/cost", "/pareto/on_front", "/optimum/s", "/optimum/l1", "/optimum/up"):
         np.testing.assert_array_equal(again[path], result[path])
+
+
+def test_a_power_that_reaches_nobody_is_left_out(tmp_path: Path) -> None:
+    """Twenty decibels less reach a tenth as far; without the other power the study has no placement."""
+    link = BEACONS.replace("range_limit_m: 9000", "eirp_dbm: 0, sensitivity_dbm: -100, carrier_mhz: 2400")
+    sites = [{"s_m": s, "l1_m": l1, "height_m": h} for s, l1, h, *_ in SITES[:3]]
+    study = {"set": {"receiver.rate_hz": 0.25}, "beacons": [3], "objective": "beacons_pdop", "sites": sites}
+    here = posed(tmp_path, link, study | {"costs": {"power": [{"eirp_dbm": -20}, {"eirp_dbm": 20, "cost": 5}]}})
+    found = optimize_result(here, solve(here, 1), 1)
+    assert found["/pareto/eirp"].tolist() == [20.0]
+    assert found["/pareto/cost"].tolist() == [15.0]
+    assert found.attributes["undone"] == ""
+    assert any(one.text.startswith("with -20 dBm: 3 beacons: every placement tried leaves") for one in of(found))
+    weak = posed(tmp_path, link, study | {"costs": {"power": [{"eirp_dbm": -20}]}})
+    with pytest.raises(NoPlacement, match="leaves epochs of the glide without a position"):
+        solve(weak, 1)
 
 
 @pytest.mark.parametrize(
