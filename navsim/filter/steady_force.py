@@ -47,14 +47,9 @@ _WINDOW_MEMORIES = 12.0
 """Length of the window in memories of the filter's velocity."""
 _YOUNG = 2.0
 """Age that the line needs before it is used, s."""
-_YOUNG_MEMORIES = 1.3
-"""Age of a young line in memories of the filter's velocity."""
-_SLOWEST = 8.0
-"""Longest memory of the filter's velocity with which steady flight may begin, s. Beyond it the noise contains little
-information."""
-_SLOWEST_INTERVALS = 24.0
-"""The same in intervals between fixes, if that is longer: with slow fixes the memory never gets as short as 8 s."""
-_UNCONFIRMED = 3.0
+_SLOWEST = 24.0
+"""Longest memory of the filter's velocity, before a fix, that a new line may have, s."""
+_UNCONFIRMED = 1.5
 """Steady flight ends where the memory grows to this part more: fixes do not confirm the velocity any more."""
 _OFF_LINE = 4.5
 """Distance of the velocity from the line that ends steady flight, in its sigma."""
@@ -106,10 +101,6 @@ def begin_interval(line, v, variance, q, time):
     """
     dt = line[STEADY_STEP]
     memory = (variance[0] + variance[1] + variance[2]) / (3.0 * q)
-    youngest = _YOUNG_MEMORIES * memory
-    youngest = where(youngest < _YOUNG, _YOUNG, youngest)
-    slowest = where(_SLOWEST_INTERVALS * dt > _SLOWEST, _SLOWEST_INTERVALS * dt, _SLOWEST)
-    slowest = where(slowest > _UNCONFIRMED * _SLOWEST, _UNCONFIRMED * _SLOWEST, slowest)
     age = line[STEADY_AGE] + dt
     # a line by least squares, whose memory grows with its age
     many = where(dt > 0.0, _span(age, memory) / where(dt > 0.0, dt, 1.0), 1.0)
@@ -118,7 +109,7 @@ def begin_interval(line, v, variance, q, time):
     gain = where(gain > 1.0, 1.0, gain)
     slope_gain = where(many < 1.5, 0.0, 6.0 / (many * (many + 1.0)))
     steady = line[STEADY_IS] > 0.5
-    grown = (age > youngest + TIME_TOLERANCE) & (memory < slowest)
+    grown = age > _YOUNG + TIME_TOLERANCE
     # gusts are remembered beyond the line that they ended; next to a young line all changes look like gusts
     count = where(steady | grown | (line[STEADY_USES_FORCE] > 0.5), line[STEADY_COUNT], 0.0)
     begins = grown & no(steady) & no(_is_rough(line[STEADY_ROUGHNESS], count)) & (count * dt > _YOUNG + TIME_TOLERANCE)
@@ -165,7 +156,7 @@ def end_interval(line, v, variance, attitude, q, time, m):
     # fixes correct the effect of noise within the memory of the velocity
     forgotten = where(dt < memory, dt / memory, 1.0)
     limit = _OFF_MEAN * _OFF_MEAN * q * memory * (0.5 + memory / age)
-    ends = steady & (memory > _UNCONFIRMED * _SLOWEST)
+    ends = memory > where(steady, _UNCONFIRMED * _SLOWEST, _SLOWEST)
     sudden = steady & no(steady)
     turned = sudden
     beside, by_line = 0.0 * dt, 0.0 * dt

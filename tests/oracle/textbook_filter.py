@@ -359,7 +359,7 @@ class SteadyForce:
             off = v - self.line
             self.line = self.line + 2.0 * (2.0 * n - 1.0) / (n * (n + 1.0)) * off
             self.slope = self.slope + np.where(n > 1.5, 6.0 / (n * (n + 1.0)) * off / self.step, 0.0)
-        old = (self.age > np.maximum(1.3 * memory, 2.0) + 1e-9) & (memory < np.clip(24.0 * self.step, 8.0, 24.0))
+        old = self.age > 2.0 + 1e-9
         self.count = np.where(old | self.steady | self.keeps, self.count, 0.0)
         begins = old & ~self.steady & (self.count * self.step > 2.0 + 1e-9) & ~self._rough()
         self.coupled = np.where(self.steady[:, None], self.coupled, self.line)
@@ -391,7 +391,7 @@ class SteadyForce:
         self.square = self.square + ((beside**2).sum(axis=1) / (3.0 * noise) - self.square) / self.count
         sudden = (np.abs(v - expected) > 4.5 * np.sqrt(variance)).any(axis=1)
         sudden |= self.steady & (np.abs(change) > 6.0 * np.sqrt(noise)).any(axis=1)
-        ends = sudden | (self.steady & (self._rough() | (memory > 24.0)))
+        ends = sudden | (self.steady & self._rough()) | (memory > np.where(self.steady, 36.0, 24.0))
         by_line = (expected - self.coupled) - (v - self.left) + np.where(self.keeps[:, None], of_line - of_force, 0.0)
         back = -np.where(self.keeps[:, None], of_force, of_line)
         m = np.where(ends[:, None], back, np.where(keeps[:, None], by_force, by_line))
