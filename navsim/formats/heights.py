@@ -99,7 +99,9 @@ def _read_raster(path: Path, box: Box, unit: str, above: str) -> HeightGrid:
             turn = raw.transform
             if raw.crs == wgs84 and turn.b == turn.d == 0.0 and turn.a > 0.0 > turn.e:
                 return _read_band(path, raw, box, unit)
-            with rasterio.vrt.WarpedVRT(raw, crs=wgs84, resampling=rasterio.enums.Resampling.bilinear) as turned:
+            # what is beside a file that declares no void would be 0 m high
+            how = {"crs": wgs84, "resampling": rasterio.enums.Resampling.bilinear, "nodata": math.nan}
+            with rasterio.vrt.WarpedVRT(raw, dtype="float32", **how) as turned:
                 return _read_band(path, turned, box, unit)
     except rasterio.errors.RasterioError as error:
         raise FileError(0, f"is no file of heights that rasterio reads: {error}", path) from None
@@ -119,6 +121,8 @@ def _check_raster(path: Path, raw: Any, unit: str, above: str) -> None:
     said = f"{raw.units[0] or ''} {vertical}".lower()
     if unit == "m" and ("foot" in said or "feet" in said or re.search(r"\bft", said)):
         raise FileError(0, "says that its heights are in feet: write unit: ft", path)
+    if unit == "ft" and re.fullmatch(r"m|met(re|er)s?", (raw.units[0] or "").strip().lower()):
+        raise FileError(0, "says that its heights are in metres: leave `unit` out", path)
 
 
 def _read_band(path: Path, raw: Any, box: Box, unit: str) -> HeightGrid:
@@ -139,7 +143,9 @@ def _window(
     path: Path, box: Box, corner: tuple[float, float], step: tuple[float, float], shape: tuple[int, int]
 ) -> tuple[slice, slice]:
     """Rows and columns of a file within a box, and one more to each side; corner, step: of its first point, rad."""
-    east, wide = (math.remainder(side - corner[1], 2.0 * math.pi) for side in (box.west, box.east))
+    middle = 0.5 * step[1] * shape[1]
+    turns = (math.remainder(side - corner[1] - middle, 2.0 * math.pi) for side in (box.west, box.east))
+    east, wide = (middle + turn for turn in turns)
     out = []
     for low, high, count in (
         ((corner[0] - box.north) / step[0], (corner[0] - box.south) / step[0], shape[0]),

@@ -310,6 +310,15 @@ def test_other_formats_have_the_same_heights(folder: Path, tile: np.ndarray, tmp
     lat, lon = np.random.default_rng(1).uniform([56.28, 37.24], [56.35, 37.36], (50, 2)).T
     found = utm.at(np.radians(np.column_stack([lat, lon])))
     np.testing.assert_allclose(found, 120.0 + 30.0 * np.sin(12.0 * (lat + lon)), atol=0.05)
+    wide = Box.about(np.radians([56.98, 37.5, 0.0]), 5e3)
+    beside = read_heights(
+        write("bare.tif", 0.0 * flat + 500.0, "EPSG:32637", transform=turned, width=width, height=height), wide, "m",
+        "geoid",
+    )  # fmt: skip
+    assert np.nanmin(beside.height) == 500.0
+    globe = {"width": 720, "height": 360, "transform": rasterio.Affine(0.5, 0.0, -180.0, 0.0, -0.5, 90.0)}
+    east = read_heights(write("globe.tif", np.tile(np.arange(720.0), (360, 1)), **globe), HERE, "m", "geoid")
+    assert east.at(np.radians(THRESHOLD)) == pytest.approx((THRESHOLD[1] + 180.0) / 0.5 - 0.5, abs=1e-3)
     turn = rasterio.Affine(4 * half, 0.0, 37.0 - 2 * half, 0.0, -2 * half, 57.0 + half)
     dted = read_heights(
         write("n56.dt1", tile[:, ::2], driver="DTED", dtype="int16", width=601, transform=turn), HERE, "m", "geoid"
