@@ -349,7 +349,7 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
             counter = slot(kind, row, measurements)
             if expects_outliers(kind, measurements):
                 outliers = measurements.beacons.outliers
-                lost = is_lost(rejected[counter], outliers, model.max_rejected)
+                lost = is_lost(rejected[counter], outliers, model.max_rejected) & (degrees > 0.0)
                 if any_lane(lost):
                     widen(p, lost, buffers.z[0], buffers.s[0, 0])
                     weighed = innovation_factor(p, buffers.h, buffers.r, m, buffers.pht, buffers.s) & (degrees > 0.0)

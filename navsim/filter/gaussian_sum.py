@@ -397,7 +397,7 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
             tested = not expects_outliers(kind, measurements)
             if not tested:
                 lost = is_lost(rejected[counter], measurements.beacons.outliers, model.max_rejected)
-                rejected[counter] = where(lost, 0.0, rejected[counter])
+                rejected[counter] = where(lost & weighed, 0.0, rejected[counter])
                 count_rejection(weighed, chance > 0.5, counter, rejected)
             used = apply_gate(ahead > 0, weighed, degrees, m, buffers, counter, tested, model, rejected, record, i)
             for j in range(count):

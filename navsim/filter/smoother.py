@@ -248,7 +248,7 @@ def run(imu, measurements, events, state, model, passes, history):
             spread, counter = 0.0 * degrees, slot(kind, events.row[e], measurements)
             if expects_outliers(kind, measurements):
                 outliers = measurements.beacons.outliers
-                astray = is_lost(rejected[counter], outliers, model.max_rejected)
+                astray = is_lost(rejected[counter], outliers, model.max_rejected) & (degrees > 0.0)
                 if any_lane(astray):
                     widen(predicted[node], astray, z[0], s[0, 0])
                     copy_matrix(predicted[node], filtered[node])

@@ -200,8 +200,10 @@ class PresetRequirement(RequirementSection):
 
     def counts_by(self, limits: LimitsSection | None) -> bool:
         """Whether continuity and hazardously misleading information are counted with its own limits, if these are the
-        given ones."""
-        return limits is not None and limits.limits() == OPERATIONS[self.operation]
+        given ones. Of these operations only CAT I has limits that grow with the distance, with GBAS."""
+        if limits is None or limits.limits() != OPERATIONS[self.operation]:
+            return False
+        return self.operation == "CAT-I" or not limits.grow_with_distance
 
     def levels_are_its_own(self, section: IntegritySection) -> bool:
         """Whether levels are computed for no more risk than its integrity allows an approach."""

@@ -129,6 +129,15 @@ def test_a_filter_that_begins_at_a_wrong_place_comes_back(kind: str) -> None:
     assert run.nees_position_velocity[0, flown.shared.filter_time > 43.0].mean() < 12.0
 
 
+def test_a_range_that_is_lost_does_not_keep_a_filter_at_a_wrong_place() -> None:
+    """In run 764 no answer comes when the filter would widen its position; it waited for as many again (NEES 24)."""
+    off = ("beacons.long_share=0", "beacons.long_m=0", "beacons.outlier_share=0.2", "beacons.outlier_sigma_m=20")
+    few = ("imu.rate_hz=20", "beacons.loss=0.6", "filter.beacons.outliers=mixture", "filter.kind=eskf")
+    flown = case(*off, *few, name="beacons_uav")
+    (run,) = flown.fly_runs(11, 764, 1, measured=False)
+    assert run.nees_position_velocity[0, flown.shared.filter_time > 43.0].mean() < 12.0
+
+
 WATCHED = (*BRIEF, "receiver.rate_hz=2", "filter.kind=eskf", "sky.source=nominal", "pseudolites.count=0",
            beacons("bias_sigma_m: 0.3", "survey_sigma_m: 0.2"),
            "integrity={method: filter, p_constellation: 1.0e-8, p_satellite: 1.0e-7, "
