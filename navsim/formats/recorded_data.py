@@ -134,12 +134,13 @@ class Headings:
     """(3,)."""
     lasting: float = 0.0
 
-    def at(self, time: float, nearest: float = 1.0) -> tuple[float, float] | None:
-        """Value and 1 sigma of the noise of the heading next to a time, rad; None if it is `nearest` s away."""
-        if not self.time.size:
-            return None
-        i = int(np.argmin(np.abs(self.time - time)))
-        return (float(self.value[i]), float(self.sigma[i])) if abs(self.time[i] - time) <= nearest else None
+    def at(self, time: float, oldest: float = 1.0) -> tuple[float, float] | None:
+        """Value and 1 sigma of the noise of the last heading up to a time, rad; None if it is older than `oldest` s.
+
+        Later ones are measurements of the filter that starts then, and must not count twice.
+        """
+        i = int(np.searchsorted(self.time, time, side="right")) - 1
+        return (float(self.value[i]), float(self.sigma[i])) if i >= 0 and time - self.time[i] <= oldest else None
 
 
 @dataclass(frozen=True)

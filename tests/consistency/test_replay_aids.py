@@ -74,6 +74,14 @@ def test_an_update_by_a_heading_is_that_of_bayes() -> None:
     assert abs(away) < 1e-4
 
 
+def test_an_alignment_takes_a_heading_that_the_filter_does_not_take_again() -> None:
+    """Not one after its time, nor an old one."""
+    headings = Headings(np.array([0.0, 1.0]), np.array([0.5, 0.7]), np.array([0.1, 0.2]), np.array([1.0, 0.0, 0.0]))
+    assert headings.at(0.9) == (0.5, 0.1)
+    assert headings.at(1.0) == (0.7, 0.2)
+    assert headings.at(-0.1) is headings.at(2.1) is None
+
+
 def test_rest_is_what_the_samples_show() -> None:
     """Of 40 s: rest, vibration, a steady turn, rest with one fix that moves, a brake that ends without a jerk."""
     rng, rate = np.random.default_rng(2), 100.0

@@ -13,7 +13,8 @@ from navsim.landing.integrity import glide_of
 from navsim.landing.requirements import MET, NOT_MET, UNDECIDED, Fulfilment, _of_shares
 from navsim.results.result import Result, read
 from navsim.runner.statistics import rms_interval_of_means, share_interval
-from navsim.scenario.requirements import RiskRequirement
+from navsim.scenario.integrity import LimitsSection
+from navsim.scenario.requirements import PresetRequirement, RiskRequirement
 from navsim.trajectory.go_around import GO_AROUND
 from tests.helpers import SCENARIOS, case, in_brief, scenario
 from tests.layout import as_declared
@@ -124,6 +125,15 @@ def test_runs_are_judged(tmp_path: Path) -> None:
     assert float(result[f"{branch}/more_runs"][7]) == pytest.approx(-np.log(0.025) / 1e-6, rel=0.02)
     assert "lateral error at 100 ft below 0.6 m in 50 % of runs" in said
     assert "met: " in said
+
+
+@pytest.mark.parametrize(("operation", "grown"), [("CAT-I", True), ("LPV-200", False)])
+def test_only_cat_i_has_limits_that_grow(operation: str, grown: bool) -> None:
+    """Counts with larger limits than those of the operation are not its own."""
+    asked = PresetRequirement.model_validate({"what": "preset", "operation": operation})
+    for grow, own in ((False, True), (True, grown)):
+        limits = {"operation": operation, "tta_s": 6.0, "grow_with_distance": grow}
+        assert asked.counts_by(LimitsSection.model_validate(limits)) is own
 
 
 MHSS = (
