@@ -324,9 +324,12 @@ class HeadingSection(Section):
     """its correlation time"""
 
     @model_validator(mode="after")
-    def _one_north(self) -> Self:
+    def _check_consistent(self) -> Self:
         if self.declination_deg is not None and self.source != "magnetic":
             raise reject("headings from true north have none; leave it out", "declination_deg")
+        lasts = self.source == "magnetic" if self.error_sigma_deg is None else self.error_sigma_deg > 0.0
+        if not lasts and self.correlation_time_s != type(self).model_fields["correlation_time_s"].default:
+            raise reject("is of an error that lasts: give error_sigma_deg, or leave this out", "correlation_time_s")
         return self
 
 

@@ -153,8 +153,9 @@ RMS_WINDOW = 20.0
 HEIGHTS = {"touchdown": 0, "50ft": 50, "100ft": 100, "200ft": 200}
 """Heights above the runway at which errors are evaluated, ft."""
 SKY_TIMES = 25
-SKYLINE = 721
 """Largest number of times at which the directions to all sources are kept."""
+SKYLINE = 721
+"""Number of azimuths of a skyline."""
 _HEIGHTS = ", ".join(HEIGHTS).replace("ft", " ft")
 RUNWAY_AXES = ("lateral", "along", "vertical")
 """Axes of the runway: to the right, along the landing, up."""

@@ -136,13 +136,15 @@ def test_the_noise_of_headings_is_tuned(tmp_path: Path) -> None:
 
 
 def test_headings_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
-    """A declination of true headings; magnetic ones of a year without a model. Those of another clock are told."""
+    """A declination, or the time of no error, of true headings; magnetic ones of a year without a model. Those of
+    another clock are told."""
     log = write_recording(tmp_path, *record(quadrotor(30.0), 5))
     (tmp_path / "heading.csv").write_text("t_s,heading_deg\n1,20\n2,21\n")
     plain = log.read_text()
-    log.write_text(plain + "heading: {file: heading.csv, source: other, declination_deg: 3}\n")
-    with pytest.raises(InputError, match="headings from true north have none"):
-        read_replay(log)
+    for key, message in (("declination_deg: 3", "from true north have none"), ("correlation_time_s: 9", "that lasts")):
+        log.write_text(f"{plain}heading: {{file: heading.csv, source: other, {key}}}\n")
+        with pytest.raises(InputError, match=message):
+            read_replay(log)
     log.write_text(plain + "heading: {file: heading.csv}\nepoch: 1990-01-01T00:00:00Z\n")
     with pytest.raises(InputError, match=r"heading\.declination_deg"):
         study.prepare(*read_replay(log))
