@@ -91,7 +91,12 @@ class Prediction:
         return float(self.content["until_s"]) if _first_fix(fixes) == self.content["first_fix"] else -np.inf
 
     def tuning(self, recording: Recording) -> Tuning:
-        """The settings of the first part for a recording, instead of those that its own innovations would give."""
+        """The settings of the first part for a recording, instead of those that its own innovations would give.
+
+        Raises ReplayError for a prediction of a filter with the other coupling.
+        """
+        if missing := set(recording.tuned) - set(self.content["settings"]):
+            raise ReplayError(f"--bet: the prediction is of a filter with another coupling, without {min(missing)}")
         settings = np.array([self.content["settings"][name] for name in recording.tuned])
         then, now = np.array(self.content["usual_accuracy"], dtype=float), recording.fixes.usual_accuracy
         # noise counts in that of a usual fix, whose accuracy the receiver may claim otherwise now

@@ -375,7 +375,7 @@ class FilterBeacons(FilterAidingSection):
     survey_sigma_m: Annotated[float, Field(ge=0.0, le=5.0)] | None = None
     """1 sigma of the surveyed positions in the filter model"""
     clock: BeaconClock | None = None
-    """the receiver's clock in the filter model; what is omitted within it has its default, not that of `beacons.clock`"""
+    """the receiver's clock in the filter model; keys omitted in it have their defaults, not those of `beacons.clock`"""
     latency_s: Late | None = None
     """latency in the filter model"""
     lever_arm_m: Triple | None = None

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 import navsim
 from navsim.replays.bet import Prediction, _quantile, effective_count
+from navsim.replays.reading import ReplayError
+from navsim.replays.study import Recording
 from navsim.results.result import read
 from navsim.runner.job import OptionError
 from navsim.runner.provenance import stored_options
@@ -80,6 +84,9 @@ def test_an_earlier_prediction_is_tested_as_it_was_written(log: Path, scored: na
         Prediction.read(path.with_name("changed.json"))
     with pytest.raises(OptionError, match="expected a time"):
         Prediction.read(log)
+    tight = cast(Recording, SimpleNamespace(tuned=("range_rate_sigma", "latency")))
+    with pytest.raises(ReplayError, match="another coupling, without range_rate_sigma"):
+        Prediction.read(path).tuning(tight)
 
 
 def test_quantiles_of_a_mixture() -> None:
