@@ -268,6 +268,8 @@ def _ranges(result: Result, scenario: Any) -> dict[str, Any]:
     its = scenario["beacons"]
     if its.get("clock") is not None:
         raise ResultError("beacons.clock makes one-way ranges, and RANGING_BEACON is of two-way ones")
+    if "/aiding/beacons/sigma" not in result:
+        raise ResultError("the result is of an earlier version, without the noise of its ranges: run it again")
     return {
         "time": result["/aiding/beacons/time"], "range": result["/aiding/beacons/measured"][0, :, 0],
         "llh": result["/beacons/position_llh"], "sigma": result["/aiding/beacons/sigma"][:, 0],

@@ -153,7 +153,11 @@ class PreflightChecks:
             f"{station.link.oldest:g} s (max_age_s), and the whole errors of the satellites; those of "
             f"signals.ephemeris are in no sigma; senders: {', '.join(station.link.senders)}"
         )
-        return [text] if without.any() else []
+        out = [text] if without.any() else []
+        if self.signals.losses is not None and self.scenario.method == "covariance":
+            text = "pseudolites.differential.link.loss: the covariance analysis has one example of lost messages; runs "
+            out.append(text + "of method monte-carlo lose each its own")
+        return out
 
     @cached_property
     def lone_pseudolite(self) -> list[str]:

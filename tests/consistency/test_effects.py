@@ -169,6 +169,9 @@ def test_each_run_loses_messages_of_its_own() -> None:
     losses, time = lossy.shared.signals.losses, lossy.shared.signals.time
     assert losses is not None
     assert "link.loss is above 0" in lossy.why_not_linear
+    analysed = case(*base, f"pseudolites.differential={{latency_s: 1, {link}}}", "method=covariance")
+    assert any("one example of lost messages" in text for text in analysed.warnings)
+    assert not any("one example" in text for text in lossy.warnings)
     rows = [losses.drawn(generator(7, run, "corrections")) for run in range(400)]
     assert np.mean([row[-1] == losses.messages.newest[-1] for row in rows]) == pytest.approx(0.5, abs=0.08)
     ages = [np.where(row < 0, np.inf, time - 20.0 * losses.messages.numbers[row]) for row in rows[:8]]

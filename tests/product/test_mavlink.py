@@ -156,6 +156,9 @@ def test_ranges_of_beacons(read: dict[str, dict[str, np.ndarray]], flown: Result
     assert (sent["hacc_est"] == 200).all()
     assert (sent["carrier_freq"] == 868).all()
     assert not sent["alt_type"].any()  # above the ellipsoid
+    earlier = {path: values for path, values in flown.variables.items() if path != "/aiding/beacons/sigma"}
+    with pytest.raises(ResultError, match="of an earlier version"):
+        next(mavlink.messages(Result(flown.attributes, earlier)))
 
 
 def test_a_log_takes_little_memory(flown: Result, tmp_path: Path) -> None:
