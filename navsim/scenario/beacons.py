@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from navsim.scenario.aiding_sensors import AidingSection, FilterAidingSection, Late
 from navsim.scenario.base import DEG, ListOf, NonNegative, Sigma, Signed, Triple, reject
+from navsim.scenario.events import SpoofSection
 from navsim.scenario.presets import BEACON_PRESETS
 from navsim.scenario.pseudolites import Site
 from navsim.scenario.signals import ClockNoise, Gain
@@ -226,9 +227,14 @@ class BeaconsSection(AidingSection):
                 text = f"'{name}' names other sources, too: events and integrity need a name for each"
                 raise reject(text, "beacons", "sites", i)
         for i, event in enumerate(landing.events):
-            if event.what in ("spoof", "meacon") and set(event.sources) & {BEACONS, *names}:
-                text = f"{event.what} is of satellites and pseudolites; beacons answer the vehicle: use step, ramp, "
-                raise reject(text + "survey or silence for them", "events", i, "what")
+            if not set(event.sources) & {BEACONS, *names}:
+                continue
+            if event.what == "meacon":
+                raise reject("meacon is of satellites and pseudolites; use spoof or step", "events", i, "what")
+            if isinstance(event, SpoofSection) and self.clock is None:
+                for key in ("clock_m", "drift_m_s"):
+                    if getattr(event, key):
+                        raise reject("two-way ranges have no clock; use step or ramp", "events", i, key)
 
     def _check_jammers(self, landing: Landing) -> None:
         """Raise for jammers on the carrier of beacons whose bandwidth is unknown."""

@@ -164,15 +164,18 @@ def test_filters_without_a_beacon_watch_the_filter(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_faulty_beacon_is_an_alarm_and_stays_within_the_level() -> None:
-    """A step of 3 m at 20 s, noticed within 1 s; without it no alarm. Errors before an alarm are below their levels,
-    which count the loss of every beacon and of all together."""
-    for event, alarms in (("", 0.0), (", {what: step, sources: [B1], at_s: 20, error_m: 3}", 1.0)):
+    """A step of 3 m at 20 s, or all beacons spoofed, noticed within 1 s; without it no alarm. Errors before an alarm
+    are below their levels, which count the loss of every beacon and of all together. Without beacons and satellites the
+    other filter drifts, until its difference shows no spoofer any more."""
+    spoofed = ", {what: spoof, sources: [beacons], at_s: 20, rate_ned_m_s: [2, 0, 0]}"
+    step = ", {what: step, sources: [B1], at_s: 20, error_m: 3}"
+    for event, alarms, until in ((spoofed, 1.0, 30.0), ("", 0.0, 60.0), (step, 1.0, 60.0)):
         flown = case(*WATCHED, NO_SATELLITES[:-1] + event + "]", "filter.gate={probability: 0}")
         time, levels = flown.shared.signals.time, flown.flight.monitor.levels
         for run in flown.fly_runs(5, 0, 16, measured=False):
             alarm = run.monitor_status == ALARM
             assert not alarm[:, time < 20.0].any()
-            assert alarm[:, time > 21.0].mean() == alarms
+            assert alarm[:, (time > 21.0) & (time < until)].mean() == alarms
             assert (run.watched_error < levels)[~alarm].all()
     (aid,) = flown.shared.aids
     for e in (10, 50, 70):  # the fixes of four seconds, and the ranges since the fix before them

@@ -146,12 +146,18 @@ def test_events_of_beacons() -> None:
     np.testing.assert_allclose((off - expected)[surveyed], sine[surveyed], atol=2e-3)
     assert not of.beacons.received[(of.shared.signals.time == 6.0), 1].any()
     assert not [text for text in of.warnings if "none of them is received" in text]
+    # a vehicle that seems to be 2 m higher sees the beacon 2 m lower
+    survey, spoof = "survey, sources: [B3], ned_m: [0, 0, 2]", "spoof, sources: [B3], offset_ned_m: [0, 0, -2]"
+    moved = happening.replace(survey, spoof)
+    (spoofed,) = case(*BRIEF, section(), moved).shared.aids
+    np.testing.assert_allclose(spoofed.exact, aid.exact, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize(
     ("settings", "text"),
     [
-        (["events=[{what: spoof, sources: [beacons], clock_m: 9}]"], "use step, ramp, survey or silence"),
+        (["events=[{what: spoof, sources: [beacons], clock_m: 9}]"], "clock_m: two-way ranges have no clock"),
+        (["events=[{what: meacon, sources: [B1], place: {lat_deg: 56, lon_deg: 37}}]"], "use spoof or step"),
         (["events=[{what: silence, sources: [B9]}]"], "'B9' is not a source"),
         (["events=[{what: silence, sources: [PL1]}]", section(sites="{name: PL1, s_m: 300, l1_m: 9}")],
          "names other sources, too"),
