@@ -19,7 +19,7 @@ from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.fix_states import FIXED
 from navsim.gnss.interference.horizon import behind
 from navsim.gnss.signals import Environment, Pseudolites
-from navsim.landing.beacons import BeaconGeometry, beacon_geometry
+from navsim.landing.beacons import BeaconGeometry, beacon_geometry, curvature_warnings
 from navsim.landing.faults import watching
 from navsim.landing.preflight import PreflightChecks, modelled
 from navsim.landing.sources import touchdown_time
@@ -72,7 +72,15 @@ class Case:
         why = beyond, "which is outside its sector, behind terrain, or during outages"
         near = map(str, self.flight.near_passes)
         silent = (f"{s.name}: measures nothing on this flight, {why[isinstance(s, GroundStation)]}" for s in idle)
-        return [*self.sky_warnings, *self.preflight.warnings, *near, *silent]
+        return [*self.sky_warnings, *self.preflight.warnings, *near, *self._bent_ranges(), *silent]
+
+    def _bent_ranges(self) -> list[str]:
+        """Warning of beacons whose ranges the filter's linearisation falsifies."""
+        signals, errors = self.shared.signals, self.shared.fix_errors
+        if self.beacons is None or not errors.fixed.any():
+            return []
+        of_fix = errors.of_ranges(signals.fix_sigma)[errors.fixed, :3, :3]
+        return curvature_warnings(self.beacons.at(errors.fixed), of_fix)
 
     @property
     def aided(self) -> bool:

@@ -46,6 +46,8 @@ OFF_GROUND = 0.5
 """Height at touchdown, m, up to which an aircraft has come down: blends at a corner leave as much."""
 _MISPLACED = 5.0
 """Height of a flight of a file at its touchdown, m, beyond which that is doubted."""
+_LOOKS = 200
+"""Times at which the heights of such a flight are looked at."""
 FOLLOW = "leave `clock` out, which takes the time scale of the satellites,"
 """Advice for a time scale that no satellite has."""
 MISPRINT = 1.0
@@ -310,6 +312,8 @@ def trajectory_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
         if abs(height) > _MISPLACED:
             under = f"{abs(height):.1f} m {'above' if height > 0.0 else 'below'} the runway"
             out.append(f"approach.touchdown_s: the aircraft is {under} then; figures at touchdown are of there")
+        elif scenario.beacons is not None or scenario.pseudolites.count or scenario.pseudolites.sites:
+            out += _never_down(scenario, trajectory, touchdown)
     if abs(off := scenario.runway.misprint_deg) > MISPRINT:
         side = "right" if off > 0.0 else "left"
         out.append(
@@ -332,6 +336,25 @@ def trajectory_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
         out += beacon_warnings(geometry, on_glide(scenario, trajectory, time))
     out += station_warnings(scenario, trajectory)
     return out + on_pavement(scenario, trajectory) + through_ridges(scenario, trajectory)
+
+
+def _never_down(scenario: Landing, trajectory: Moving, touchdown: float) -> list[str]:
+    """Warning of a runway at the height of a flight of a file that does not come down to it, or that goes below it."""
+    height = scenario.runway.ellipsoidal_m
+    before, flown = (
+        trajectory.motion(np.linspace(0.0, last, _LOOKS)).llh[:, 2] - height
+        for last in (touchdown, scenario.duration_s)
+    )
+    if before.max() <= _MISPLACED:
+        why = f"stays within {_MISPLACED:g} m above the runway until touchdown"
+    elif flown.min() < -_MISPLACED:
+        why = f"passes {-flown.min():.0f} m below the runway"
+    else:
+        return []
+    return [
+        f"approach.touchdown_s: the flight {why}, so the runway is perhaps in the air. Heights of beacons and "
+        "pseudolites count from the runway: give the ground's as runway.height_m"
+    ]
 
 
 def station_warnings(scenario: Landing, trajectory: Moving) -> list[str]:

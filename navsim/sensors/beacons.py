@@ -63,6 +63,10 @@ class BeaconErrors:
         """Fraction of the growth at distances (m,), m."""
         return -np.expm1(-distance / self.growth_distance)
 
+    def variance(self, distance: np.ndarray) -> np.ndarray:
+        """Variance of their sum in ranges at distances (m,), m2."""
+        return np.asarray(self.bias**2 + (self.growth_sigma * self.grown(distance)) ** 2 + self.survey**2)
+
 
 @dataclass(frozen=True)
 class Outliers:
@@ -280,6 +284,10 @@ class Beacons(AidingSensor):
             np.empty(0) if its.outliers is None else its.outliers.mixture(),
             np.empty(0) if self.weakened is None else self.weakened,
         )  # fmt: skip
+
+    def noise_variance(self, distance: np.ndarray) -> np.ndarray:
+        """Variance of the noise of ranges at distances (m,), m2, in the filter model, without jammers."""
+        return np.asarray(self.design.sigma**2 + (self.design.weak_sigma / self.reach * distance) ** 2)
 
     @property
     def design_latency(self) -> float:

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 import yaml
 
+from navsim.landing.preflight import warnings_of
 from navsim.results.result import Result, Variable, read, write
 from navsim.runner.opening import checked
 from navsim.scenario.base import DEG_SQRT_H, MG
+from navsim.scenario.load import read as read_landing
 from navsim.scenario.load import read_any, resolved_yaml
 from navsim.scenario.source import InputError
 from tests.conftest import ROOT
@@ -133,6 +135,22 @@ def test_duration_and_runway_are_those_of_the_recording(place: Path, tmp_path: P
     course = np.degrees(np.arctan2(velocity[at, 1], velocity[at, 0])) % 360.0
     assert runway["heading_deg"] == pytest.approx(course, abs=1e-3)
     checked(tmp_path / "mine.yaml", [])
+
+
+@pytest.mark.parametrize(
+    ("runway", "said"),
+    [("", ["stays within 5 m above the runway until touchdown"]), ("runway: {height_m: 2}\n", ["148.2 m above"]),
+     ("runway: {height_m: 149}\n", ["stays within"])],
+)  # fmt: skip
+def test_a_runway_at_flying_height_is_doubted(place: Path, tmp_path: Path, runway: str, said: list[str]) -> None:
+    """The recording flies level and does not land; beacons would be counted from its height."""
+    changed(place, tmp_path / "r.h5")
+    approach = "approach: {profile: recorded, file: r.h5, start_s: 20, touchdown_s: 80}\n"
+    beacons = "beacons: {sites: [{s_m: 60, l1_m: 150}], rate_hz: 2, sigma_m: 1, range_limit_m: 800}\n"
+    (tmp_path / "mine.yaml").write_text(LANDING + runway + approach + beacons)
+    doubts = [text for text in warnings_of(*read_landing(tmp_path / "mine.yaml")) if "approach.touchdown_s" in text]
+    assert len(doubts) == len(said)
+    assert all(part in text for part, text in zip(said, doubts, strict=True))
 
 
 @pytest.mark.parametrize(

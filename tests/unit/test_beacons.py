@@ -17,6 +17,7 @@ from navsim.filter.measurement_models import observe, slot
 from navsim.formats.export_maps import write_kml
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.ranging_geometry import mirror_image
+from navsim.landing.beacons import second_order
 from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.optimization.problem import problem
 from navsim.optimization.report import tables
@@ -361,6 +362,29 @@ def test_a_link_budget_is_a_largest_range() -> None:
     (aid,) = case(*BRIEF, keys).shared.aids
     assert isinstance(aid.sensor, Beacons)
     assert aid.sensor.reach == pytest.approx(9740.0, rel=0.01)
+
+
+def test_curved_ranges_are_warned_of() -> None:
+    """The neglected error is that of 40 000 drawn positions; with the filter's noise as advised there is no warning."""
+    sites = "{s_m: 150, l1_m: 1000, height_m: 100}"
+    of, _, _ = flown("bias_sigma_m: 0.2", sites=sites)
+    assert of.beacons is not None
+    there = of.shared.fix_errors.of_ranges(of.shared.signals.fix_sigma)[:, :3, :3]
+    (longer,) = second_order(of.beacons.at(np.arange(30) == 20), there[20:21])[0]
+    east, north, up = of.beacons.away[20, 0]
+    away = np.array([north, east, -up])
+    u = away / np.linalg.norm(away)
+    p = np.linalg.inv(np.linalg.inv(there[20]) + np.outer(u, u) / (0.1**2 + 0.2**2))
+    drawn = np.random.default_rng(3).multivariate_normal(np.zeros(3), p, 40_000)
+    off = np.linalg.norm(away - drawn, axis=1) - np.linalg.norm(away) + drawn @ u
+    assert longer == pytest.approx(off.mean(), rel=0.03)
+    (said,) = (text for text in of.warnings if "as linear in the position error" in text)
+    assert "of B1" in said
+    least = re.search(r"filter.beacons.sigma_m to ([\d.]+)", said)
+    assert least
+    more = case(*BRIEF, section("bias_sigma_m: 0.2", sites=sites),
+                f"filter.beacons={{sigma_m: {least[1]}}}")  # fmt: skip
+    assert not [text for text in more.warnings if "as linear in the position error" in text]
 
 
 def test_a_flat_layout_is_warned_of_and_shown(tmp_path: Any) -> None:
