@@ -148,9 +148,9 @@ def contradiction(result: Result) -> str:
     least = result.attributes["least_pdop_of_case_6_from_cases_1_and_2"]
     most = result.attributes["largest_pdop_of_case_6_printed"]
     return (
-        f"Two pseudolites in one place obey PDOP2 >= PDOP0 / sqrt(1 + 2 ((PDOP0/PDOP1)^2 - 1)), whatever sky, weights "
-        f"and clocks. GNSS alone and 1 PL 50/4000 leave at least {least:.3f} for 2 PL 50/4000, every rounding in "
-        f"favour; the paper prints at most {most:.3f}, with its pseudolites 100 m apart, 1° seen from the aircraft."
+        f"Rows 1, 2 and 5 contradict each other if DOPs have unit weights: under any sky a second pseudolite, 100 m "
+        f"from the first, leaves a PDOP of at least {least:.3f} in 2 PL 50/4000, with every rounding in favour. The "
+        f"paper prints at most {most:.3f}."
     )
 
 

@@ -1,8 +1,8 @@
 """References for the methods used in results. `sources.bib` is the one bibliography, printed as text and as BibTeX.
 
 Sources are those of `docs/theory` and the modules, with their data. Some titles are missing there (Singer, van Loan,
-Anderson, Blanch, Gold, Storn, Satterthwaite). They are taken from citations of the same volume and year. Names are
-family names only.
+Anderson, Blanch, Gold, Storn, Satterthwaite). They are taken from citations of the same volume and year. Text has
+family names only, BibTeX also initials.
 """
 
 from __future__ import annotations
@@ -15,8 +15,10 @@ from typing import Any
 
 from navsim.results.result import Result, scenario_of
 
-_PLACES = ("journal", "booktitle", "institution", "edition", "howpublished")
+_PLACES = ("journal", "booktitle", "institution", "publisher", "howpublished")
 """Fields of BibTeX for where a source came out."""
+_MOST_NAMED = 4
+"""Authors that text names; of more, the first."""
 
 
 @dataclass(frozen=True)
@@ -31,20 +33,23 @@ class Source:
 
     @property
     def authors(self) -> list[str]:
-        """Family names, `others` for et al."""
-        return self.fields["author"].split(" and ") if "author" in self.fields else []
+        """Family names of authors or editors, `others` for et al."""
+        names = self.fields.get("author") or self.fields.get("editor")
+        return [name.partition(",")[0] for name in names.split(" and ")] if names else []
 
     def text(self) -> str:
         """Entry of a list of references."""
         of = self.fields.get
         named = [name for name in self.authors if name != "others"]
-        who = " et al." if len(named) < len(self.authors) else ""
+        who = " et al." if len(named) < len(self.authors) or len(named) > _MOST_NAMED else ""
         who = (named[0] if who else " & ".join([", ".join(named[:-1]), named[-1]] if named[1:] else named)) + who
         volume = of("volume", "") + (f"({of('number')})" if of("number") else "")
         year = f"({of('year')})" if of("year") else ""
-        where = " ".join(part for part in (*map(of, _PLACES), volume, year) if part)
+        edition = f"{of('edition')} edition" if of("edition") else ""
+        place = ", ".join(part for part in (edition, *map(of, _PLACES)) if part)
+        where = " ".join(part for part in (place, volume, year) if part)
         note = of("note", "")
-        parts = (of("title"), where, note[:1].upper() + note[1:])
+        parts = (of("title"), where, note[:1].upper() + note[1:], f"DOI {of('doi')}" if of("doi") else "")
         return (f"{who}: " if who else "") + ". ".join(part for part in parts if part) + "."
 
 

@@ -10,15 +10,16 @@ import pytest
 import yaml
 
 from navsim.landing.table2 import (
+    APART,
     CALIBRATIONS,
     PUBLISHED_DOPS,
     PUBLISHED_SKO,
     ROWS,
     Calibration,
-    coincident_bound,
     geometry,
     published_contradiction,
     relative_difference,
+    two_pseudolites_bound,
 )
 from tests.conftest import SCENARIOS, Within
 from tests.helpers import case
@@ -147,26 +148,53 @@ def test_directions_are_those_of_the_almanac(
             assert np.all(np.abs(means - PUBLISHED_DOPS[0]) < within["published"]), means
 
 
-def test_two_pseudolites_in_one_place_obey_the_bound() -> None:
-    """Any sky, weights and clocks: random ones, by dense algebra. The published rows do not."""
+def _dops(rows: np.ndarray, weight: np.ndarray, *pseudolites: np.ndarray) -> np.ndarray:
+    """PDOP, HDOP, VDOP (3, 3) without pseudolites, with the first, with both."""
+    normal = rows.T @ (weight[:, None] * rows)
+    added = [np.zeros_like(normal), *(np.outer(row, row) for row in pseudolites)]
+    squares = [np.diag(np.linalg.inv(normal + n))[:3] for n in np.cumsum(added, axis=0)]
+    return np.sqrt([(v.sum(), v[:2].sum(), v[2]) for v in squares])
+
+
+def test_two_pseudolites_obey_the_bound() -> None:
+    """Random skies, weights, clocks and pseudolites, by dense algebra."""
     rng = np.random.default_rng(4)
-    tried = 0
+    closest = np.inf
     for _ in range(300):
         count, clocks = int(rng.integers(5, 10)), int(rng.integers(1, 3))
         los = rng.standard_normal((count, 3))
-        los /= np.linalg.norm(los, axis=1)[:, None]
-        clock = np.eye(clocks)[rng.permutation(np.arange(count) % clocks)]
+        rows = np.hstack([-los / np.linalg.norm(los, axis=1)[:, None], np.eye(clocks)[np.arange(count) % clocks]])
         weight = rng.uniform(0.1, 3.0, count)
-        pseudolite = rng.standard_normal(3)
-        row = np.concatenate([-pseudolite / np.linalg.norm(pseudolite), np.eye(clocks)[0]])
-        normal = np.hstack([-los, clock]).T @ (weight[:, None] * np.hstack([-los, clock]))
-        if np.linalg.cond(normal) > 1e8:
-            continue
-        w = rng.uniform(0.1, 100.0)
-        pdop = [np.sqrt(np.trace(np.linalg.inv(normal + n * w * np.outer(row, row))[:3, :3])) for n in range(3)]
-        assert pdop[2] >= coincident_bound(pdop[0], pdop[1]) * (1.0 - 1e-9)
-        tried += 1
-    assert tried > 200
+        apart = np.append(rng.uniform(0, 0.3) * rng.standard_normal(3), np.zeros(clocks))
+        row = np.append(rng.standard_normal(3), np.eye(clocks)[0]) * rng.uniform(0.3, 10.0)
+        none, one, two = _dops(rows, weight, row, row + apart)[:, 0]
+        change = np.sqrt(apart @ np.linalg.inv(rows.T @ (weight[:, None] * rows)) @ apart)
+        margin = two / two_pseudolites_bound(none, one, change)
+        closest = min(closest, margin)
+        assert margin > 1.0 - 1e-9
+    assert closest < 1.02  # the bound is nearly reached
+
+
+def test_rows_1_2_and_5_contradict_each_other_with_unit_weights() -> None:
     least, printed = published_contradiction()
-    assert least == pytest.approx(2.569, abs=1e-3)
+    assert least == pytest.approx(2.537, abs=5e-4)
     assert printed < least
+    along = np.linspace(-1749.0, 0.0, 50)  # path axes of the glide; pseudolites abeam of touchdown
+    path = np.stack([along, 0.0 * along, -np.tan(np.radians(5.0)) * along], axis=1)
+    sight = [(p := np.array([s, 4000.0, 0.0]) - path) / np.linalg.norm(p, axis=1)[:, None] for s in (50.0, -50.0)]
+    apart = np.abs(sight[0] - sight[1])
+    assert np.all([np.hypot(apart[:, 0], apart[:, 1]).max(), apart[:, 2].max()] <= np.array(APART))
+
+
+def test_rows_1_2_and_5_agree_with_weighted_dops() -> None:
+    """A sky in path axes at the middle of the glide, and pseudolites of 13 400 times a satellite's weight."""
+    azimuth, elevation = np.radians(
+        [[147.97, 334.1, 133.9, 58.68, 161.5, 152.36], [30.21, 5.5, 17.08, 5.31, 6.94, 17.63]]
+    )
+    los = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    at = np.array([-875.0, 0.0, 875.0 * np.tan(np.radians(5.0))])
+    rows = np.stack([*np.negative(los), np.ones(azimuth.size)], axis=1)
+    sights = [(p := np.array([s, 4000.0, 0.0]) - at) / np.linalg.norm(p) for s in (50.0, -50.0)]
+    pseudolites = [np.append(-u, 1.0) * np.sqrt(13_400.0) for u in sights]
+    dops = _dops(rows, np.ones(azimuth.size), *pseudolites)
+    np.testing.assert_allclose(dops, PUBLISHED_DOPS[[0, 1, 4]], rtol=0, atol=0.005)

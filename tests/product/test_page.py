@@ -487,13 +487,12 @@ def test_sources_are_those_of_the_documentation() -> None:
     text = " ".join(" ".join(path.read_text().replace("*", "").split()) for path in files)
     elsewhere = (citations.__doc__ or "").partition("(")[2].partition(")")[0].split(", ")
     for source in citations.SOURCES.values():
-        for author in source.authors:
+        for author in source.authors if len(source.authors) < 5 else source.authors[:1]:
             assert author == "others" or author in text, (source.key, author)
-        title = source.fields["title"]
+        title = source.fields.get("title", "")  # none is invented
         assert source.fields.get("year", "") in text, source.key
-        ours = "title is ours" in source.fields.get("note", "") or source.key in ("landing_paper",)
         told = any(name in source.authors for name in elsewhere)
-        assert ours or told or title.split(", vol.")[0].split(", v3")[0].split(", parts")[0] in text, title
+        assert told or title.split(", vol.")[0].split(", v3")[0].split(", parts")[0] in text, title
     used = {key for method in citations.METHODS for key in method.sources}
     assert used == set(citations.SOURCES)
     assert all((ROOT / method.page).is_file() for method in citations.METHODS)
