@@ -287,7 +287,8 @@ def verify(
     Returns
     -------
     Verification
-        Its `differs` is True if the result or an input was changed, `incomplete` if numbers could not be checked.
+        Its `differs` is True if the result or an input was changed, `incomplete` if numbers could not be checked,
+        `of_other_code` if numbers differ that other code than this one computed.
         `checks` lists each check with `subject`, `verdict` and `text`.
 
     Raises

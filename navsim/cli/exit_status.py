@@ -22,7 +22,7 @@ from typing import Any, NoReturn, TextIO, TypeVar, cast
 
 from navsim.cli import log
 
-OK, CHECK_FAILED, BAD_INPUT, RUN_FAILED = 0, 1, 2, 3
+OK, CHECK_FAILED, BAD_INPUT, RUN_FAILED, OTHER_CODE = 0, 1, 2, 3, 4
 
 WORDS: dict[int, str] = {
     signal.SIGINT: "interrupted",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from navsim.cli.common import leave, leaving, make_folder, print_json, progress, read_result
-from navsim.cli.exit_status import BAD_INPUT, CHECK_FAILED, print_message
+from navsim.cli.exit_status import BAD_INPUT, CHECK_FAILED, OTHER_CODE, print_message
 from navsim.cli.options import WorkersOption
 from navsim.cli.results import shown_as_stored
 
@@ -45,7 +45,8 @@ def verify(
 ) -> None:
     """Verify a result: file, inputs, code, and numbers, which are computed again.
 
-    navsim exits with code 1 if the result or an input was changed, with 2 if a file is missing.
+    navsim exits with code 1 if the result or an input was changed, with 2 if a file is missing, and with 4 if result
+    and inputs are intact, but other code computed numbers that this code does not repeat.
     """
     from navsim.results.result import ResultError
     from navsim.runner import verification
@@ -72,14 +73,17 @@ def verify(
         leave(CHECK_FAILED, f"{file}: {what}; see above")
     if found.incomplete:
         leave(BAD_INPUT, f"{file}: could not be verified completely")
+    if found.of_other_code:
+        print_message(f"{file}: {verification.INTACT}; see above")
+        raise typer.Exit(OTHER_CODE)
     if not quiet and not json_:
         print_message(f"{file}: verified")
 
 
 def _print(found: Verification, quiet: bool) -> None:
-    from navsim.runner.verification import DIFFERS, UNCHECKED
+    from navsim.runner.verification import EQUAL, NOTE
 
-    shown = [check for check in found.checks if not quiet or check.verdict in (DIFFERS, UNCHECKED)]
+    shown = [check for check in found.checks if not quiet or check.verdict not in (EQUAL, NOTE)]
     for check in shown:
         print(f"{check.subject:<11} {check.verdict:<12} {check.text}")
 

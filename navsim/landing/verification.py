@@ -27,7 +27,7 @@ from navsim.runner.batches import Ensemble
 from navsim.runner.exact_sums import Sums
 from navsim.runner.job import Options
 from navsim.runner.merge_state import batch_of, together
-from navsim.runner.verification import FOREIGN, Recomputation, attribute_differences, differences
+from navsim.runner.verification import FOREIGN, OTHER_CODE, Recomputation, attribute_differences, differences
 
 
 def options_of(result: Result, options: Options) -> Options:
@@ -54,10 +54,11 @@ def check_ensemble(again: Recomputation, runs: int) -> None:
         else result_of(case, ensemble, seed, keep="none")
     )
     wrong += attribute_differences(again.result, other, again.tolerance)
-    again.out.add("attributes", wrong, f"{len(other.attributes)} computed again")
+    again.out.add("attributes", wrong, f"{len(other.attributes)} computed again", again.verdict)
     tables = other.variables.keys()
     wrong = [*differences(again.result, other, again.tolerance, tables.__contains__)]
-    again.out.add("tables", wrong, f"{len(tables)} variables computed again from statistics of all runs")
+    text = f"{len(tables)} variables computed again from statistics of all runs"
+    again.out.add("tables", wrong, text, again.verdict)
     if "/filter/error" in again.result:
         _check_histories(again, case, ensemble)
     _compare_drawn_runs(again, runs, set(tables))
@@ -109,7 +110,8 @@ def _check_histories(again: Recomputation, case: Case, ensemble: Ensemble) -> No
         if not np.allclose(values, there, rtol=again.tolerance, atol=again.tolerance, equal_nan=True):
             path = of_sums.get(name, "/filter/error or /filter/sigma")
             texts.append(f"{path}: its runs do not give the sum {name} of {PART}")
-    again.out.add("histories", texts, f"errors and sigmas of {runs} runs give the stored statistics")
+    text = f"errors and sigmas of {runs} runs give the stored statistics"
+    again.out.add("histories", texts, text, again.verdict)
 
 
 def _compare_drawn_runs(again: Recomputation, runs: int, tables: set[str]) -> None:
@@ -135,13 +137,15 @@ def _compare_drawn_runs(again: Recomputation, runs: int, tables: set[str]) -> No
         wrong += unlike
         flown += size
         again.tell(flown)
-    if foreign:
+    if again.verdict == OTHER_CODE:
+        wrong[:0] = ["--runs all repeats every run and compares what tables print"] * bool(wrong)
+    elif foreign:
         wrong.insert(0, FOREIGN)
     text = (
         f"{flown} of {count} drawn and flown again: {_blocks(first, drawn, count)}. One altered run among the others "
         f"would be found with a probability of {flown / count:.0%}; --runs all flies all"
     )
-    again.out.add("runs", wrong, text)
+    again.out.add("runs", wrong, text, again.verdict)
 
 
 def _first_of(numbers: Iterable[int]) -> str:

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -36,8 +38,10 @@ from navsim.runner.provenance import (
 from navsim.runner.provenance import OPTIONS as OPTIONS_ITEM
 from navsim.scenario.source import Document, InputError, parse
 
-EQUAL, DIFFERS, NOTE, UNCHECKED = "equal", "differs", "note", "not checked"
-"""Verdicts. A note says what follows from another code or machine, and is no difference of the result."""
+EQUAL, DIFFERS, NOTE, UNCHECKED, OTHER_CODE = "equal", "differs", "note", "not checked", "other code"
+"""Verdicts. A note says what follows from another code or machine, and is no difference of the result. "other code" is
+a number that differs while other code than this one computed the result: a change of the code explains it."""
+INTACT = "intact; computed by other code, so numbers cannot be repeated to the bit"
 ROUNDING = 1e-6
 """Largest difference, relative to the largest value of a variable, that another processor or library may cause."""
 DRAWN = 96
@@ -77,9 +81,15 @@ class Verification:
         """Whether numbers could not be checked."""
         return any(check.verdict == UNCHECKED for check in self.checks)
 
+    @property
+    def of_other_code(self) -> bool:
+        """Whether numbers differ that other code computed."""
+        return any(check.verdict == OTHER_CODE for check in self.checks)
+
     def plain(self) -> dict[str, Any]:
         """Data for JSON."""
         verdict = DIFFERS if self.differs else UNCHECKED if self.incomplete else EQUAL
+        verdict = OTHER_CODE if verdict == EQUAL and self.of_other_code else verdict
         return {"file": self.file, "verdict": verdict, "checks": [asdict(check) for check in self.checks]}
 
     def add(self, subject: str, wrong: list[str], right: str, verdict: str = DIFFERS) -> None:
@@ -108,6 +118,8 @@ class Recomputation:
     tell: Progress
     tolerance: float
     """0 where bits must be equal, else relative."""
+    verdict: str
+    """Verdict on a number that differs: `DIFFERS`, or `OTHER_CODE`."""
     out: Verification
 
 
@@ -138,7 +150,7 @@ def verify(file: Path, folder: Path | None, runs: int, executor: Executor, tell:
     if damaged:
         out.add("file", [f"{path}: its data are damaged" for path in damaged], "")
         return out
-    tolerance = _check_software(out, result)
+    tolerance, of_difference = _check_software(out, result)
     found = _check_inputs(out, result, file, folder)
     _check_scenario(out, result)
     kind = str(result.attributes["kind"])
@@ -149,7 +161,7 @@ def verify(file: Path, folder: Path | None, runs: int, executor: Executor, tell:
         text = f"the work ended early ({result.attributes['stopped']}), which no repetition reproduces"
         out.checks.append(VerificationCheck("numbers", NOTE, text))
     elif found is not None:
-        _check_numbers(out, result, Path(file), found, runs, executor, tell, tolerance)
+        _check_numbers(out, result, Path(file), found, runs, executor, tell, tolerance, of_difference)
     return out
 
 
@@ -188,14 +200,17 @@ def _check_contents(out: Verification, result: Result, contents: Mapping[str, st
     out.add("contents", wrong, text)
 
 
-def _check_software(out: Verification, result: Result) -> float:
-    """Compare code, libraries and machine; returns the tolerance of numbers, 0 where all is the same."""
+def _check_software(out: Verification, result: Result) -> tuple[float, str]:
+    """Compare code, libraries and machine.
+
+    Returns the tolerance of numbers, 0 where all is the same, and the verdict on those that differ by more.
+    """
     there, here = stored_software(result), software()
     there.pop(OPTIONS_ITEM, None)
     if not there:
         text = "the result does not say which code and machine computed it; numbers are compared within rounding"
         out.checks.append(VerificationCheck("software", NOTE, text))
-        return ROUNDING
+        return ROUNDING, DIFFERS
     unlike = [name for name in there | here if there.get(name) != here.get(name)]
     for name in unlike:
         if name == INSTRUCTIONS:
@@ -215,10 +230,10 @@ def _check_software(out: Verification, result: Result) -> float:
             f"within {ROUNDING:g} of the largest value of each variable"
         )
         out.checks.append(VerificationCheck("software", NOTE, text))
-        return ROUNDING
+        return ROUNDING, OTHER_CODE if CODE in unlike else DIFFERS
     text = f"code of navsim {navsim.__version__} (SHA-256 {here[CODE][:16]}), {len(here) - 1} versions, this machine's"
     out.checks.append(VerificationCheck("software", EQUAL, f"{text} processor: equal bits are expected"))
-    return 0.0
+    return 0.0, DIFFERS
 
 
 def find_inputs(result: Result, file: Path, folder: Path | None) -> list[tuple[InputFile, Path | None]]:
@@ -271,15 +286,16 @@ def _check_scenario(out: Verification, result: Result) -> None:
 
 def _check_numbers(
     out: Verification, result: Result, file: Path, found: dict[str, Path], runs: int, executor: Executor,
-    tell: Progress, tolerance: float,
+    tell: Progress, tolerance: float, of_difference: str,
 ) -> None:  # fmt: skip
     """Compute the result again, or parts of an ensemble, and compare."""
     from navsim.kinds import KINDS, named
 
     name = str(result.attributes["kind"])
     kind = KINDS.get(name)
+    refused = UNCHECKED if of_difference == OTHER_CODE else DIFFERS
     if kind is None or not kind.job:
-        out.add("numbers", [f"kind {name!r}: is no kind of result that can be computed"], "")
+        out.add("numbers", [f"kind {name!r}: is no kind of result that can be computed"], "", refused)
         return
     if int(result.attributes["schema_version"]) != SCHEMA_VERSION:
         text = f"its layout is version {result.attributes['schema_version']}, this navsim writes {SCHEMA_VERSION}"
@@ -296,17 +312,17 @@ def _check_numbers(
             return
         job = named(kind.job)(section, document, options)
         job.prepare(executor, lambda *_, **__: None)
-        again = Recomputation(result, job, executor, tell, tolerance, out)
+        again = Recomputation(result, job, executor, tell, tolerance, of_difference, out)
         count = int(result["/run"].size) if many is not None and "/run" in result else 0
         if many is not None and runs != ALL and count > max(runs, 1):
             many(again, runs)
         else:
             recompute_all(again)
     except InputError as error:
-        out.add("scenario", [f"cannot be computed: {problem}" for problem in error.problems], "")
+        out.add("scenario", [f"cannot be computed: {problem}" for problem in error.problems], "", refused)
     except (OptionError, JobError, ValueError, KeyError, TypeError, ResultError) as error:
         message = str(error).splitlines()[0] if str(error) else type(error).__name__
-        out.add("numbers", [f"what the file holds cannot be computed again: {message}"], "")
+        out.add("numbers", [f"what the file holds cannot be computed again: {message}"], "", refused)
 
 
 def _document(result: Result, file: Path, found: dict[str, Path]) -> tuple[Any, Document]:
@@ -324,12 +340,64 @@ def recompute_all(again: Recomputation) -> None:
     """Do the whole work again and compare everything."""
     other = again.job.run(again.executor, None, again.tell).result
     wrong = [*attribute_differences(again.result, other, again.tolerance)]
-    again.out.add("attributes", wrong, f"{len(other.attributes)} computed again")
+    again.out.add("attributes", wrong, f"{len(other.attributes)} computed again", again.verdict)
     wrong = [*differences(again.result, other, again.tolerance)]
     count = sum(1 for path in other.variables if not path.startswith(PROVENANCE))
-    if len(wrong) > _FOREIGN * count:
+    if again.verdict == DIFFERS and len(wrong) > _FOREIGN * count:
         wrong.insert(0, FOREIGN)
-    again.out.add("numbers", wrong, f"{count} variables computed again: {_precision(again.tolerance)}")
+    text = f"{count} variables computed again, all but those of {PROVENANCE}: {_precision(again.tolerance)}"
+    again.out.add("numbers", wrong, text, again.verdict)
+    if wrong and again.verdict == OTHER_CODE:
+        for text in printed_differences(again.result, other):
+            again.out.checks.append(VerificationCheck("printed", OTHER_CODE, text))
+
+
+_DECIMALS = re.compile(r"\.(\d+)(?![\de])")
+Printed = dict[tuple[str, ...], list[tuple[tuple[float, ...], str]]]
+"""Numbers of tables, with the text of their cell, by table, section, row, column and name."""
+
+
+def _printed(result: Result) -> Printed:
+    from navsim.report.table import Table, tidy
+    from navsim.report.view import view
+
+    out: Printed = {}
+    for table in view(result.attributes["kind"]).tables([("", result)]):
+        for *where, _, value, low, high, text in tidy(table) if isinstance(table, Table) else ():
+            numbers = tuple(float(x) if isinstance(x, float | int) else math.nan for x in (value, low, high))
+            out.setdefault(tuple(map(str, where)), []).append((numbers, str(text)))
+    return out
+
+
+def printed_differences(stored: Result, other: Result) -> list[str]:
+    """What differs of the tables of two results: the largest relative difference of a number, and the rows that print
+    other text.
+
+    A difference of a number, or of an end of its interval, is relative to the number, at least to a unit of its last
+    printed digit. Changed rows are sorted by it.
+    """
+    one, two = _printed(stored), _printed(other)
+    found = dict[tuple[str, ...], tuple[float, str]]()  # by row
+    rows = {where[:3] for where in one | two}
+    largest, text = 0.0, ""
+    for where in one.keys() | two.keys():
+        name = ", ".join(part for part in where[1:3] if part)
+        there, here = one.get(where, []), two.get(where, [])
+        if len(there) != len(here):
+            found[where[:3]] = math.inf, f"{name}: {'not computed' if there else 'lacking in the file'}"
+        for (a, before), (b, after) in zip(there, here, strict=False):
+            digit = min((10.0 ** -len(digits) for digits in _DECIMALS.findall(before)), default=0.0)
+            size = max((abs(x) for x in (a[0], b[0], digit) if math.isfinite(x)), default=0.0)
+            gaps = [abs(x - y) for x, y in zip(a, b, strict=True) if math.isfinite(x - y)]
+            relative = max(gaps, default=0.0) / (size or 1.0)
+            if relative > largest:
+                largest, text = relative, f" ({name}: {before} in the file, {after} computed)"
+            if before != after and relative >= found.get(where[:3], (0.0, ""))[0]:
+                found[where[:3]] = relative, f"{name}: {before} in the file, {after} computed"
+    head = f"largest relative difference of a printed number: {largest:.2g}{text}"
+    count = f"printed rows that read differently: {len(found)} of {len(rows)}"
+    changed = [line for _, line in sorted(found.values(), reverse=True)]
+    return [head, count, *changed[:_MOST], *[f"and {len(changed) - _MOST} more"] * (len(changed) > _MOST)]
 
 
 def _precision(tolerance: float) -> str:

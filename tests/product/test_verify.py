@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +18,8 @@ import pytest
 from navsim.results.contents import attribute_digest
 from navsim.results.result import Result, contents_of, read, read_unchecked, write
 from navsim.runner.executor import threads
-from navsim.runner.verification import ALL, DIFFERS, EQUAL, NOTE, Verification, verify
+from navsim.runner.provenance import CODE
+from navsim.runner.verification import ALL, DIFFERS, EQUAL, INTACT, NOTE, Verification, verify
 from navsim.scenario import load, shipped
 from navsim.scenario.source import parse
 from tests.conftest import SCENARIOS
@@ -278,6 +280,32 @@ def test_another_machine_is_told_and_compared_within_rounding(original: Path, tm
         path: replace(result.variables[path], data=data[path]) for path in data
     }))  # fmt: skip
     assert "/filter/error" in wrong(verified(tmp_path / "r.h5", folder=original))
+
+
+def _of_other_code(original: Path, out: Path, by: float) -> None:
+    """Write the result with another digest of the code and a changed cell, sealed."""
+    result = read(original / "r.h5")
+    data = {path: np.array(v.data) for path, v in result.variables.items()}
+    data["/provenance/value"][list(data["/provenance/item"]).index(CODE)] = "0" * 64
+    data["/summary/rms/horizontal"][0] *= 1.0 + by
+    write(out, Result(result.attributes, {path: replace(result.variables[path], data=data[path]) for path in data}))
+
+
+def test_a_result_of_other_code_is_not_called_changed(original: Path, tmp_path: Path) -> None:
+    """A verdict and an exit code of its own, what of the tables differs; damage and other inputs stay what they are."""
+    _of_other_code(original, tmp_path / "r.h5", 0.02)
+    done = navsim("verify", "r.h5", "--folder", original, "-q", "--runs", "all", cwd=tmp_path, code=4)
+    assert INTACT in done.stderr
+    assert "error" not in done.stderr
+    (printed,) = re.findall("printed +other code +largest relative difference of a printed number: (.*)", done.stdout)
+    assert printed.startswith("0.02 (Filter, errors over 20 s to touchdown, horizontal position, m: ")
+    assert "printed rows that read differently: 1 of" in done.stdout
+    with h5py.File(tmp_path / "r.h5", "r+") as file:
+        file["/summary/rms/vertical"][0] += 1e-6
+    assert verified(tmp_path / "r.h5", folder=original).differs
+    _of_other_code(original, tmp_path / "r.h5", 0.0)
+    found = verified(tmp_path / "r.h5", folder=original)
+    assert found.plain()["verdict"] == EQUAL
 
 
 def test_drawn_runs_and_statistics_find_errors_of_any_run(original: Path, tmp_path: Path) -> None:
