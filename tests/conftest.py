@@ -249,7 +249,8 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         "",
         *(f"- {each.name}" for each in METHODS if each.name not in JUDGES),
         *(f"- {part}" for part in UNCHECKED),
-        "- the sum of several Gaussians; [runs](filter-consistency.md) show when its covariance is true",
+        "",
+        "[Runs](filter-consistency.md) show when the covariance of the sum of several Gaussians is true.",
     ]
     for file, rows in groupby(in_order, lambda row: row[1].file):
         stem = Path(file).stem.removeprefix("test_")

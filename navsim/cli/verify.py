@@ -100,6 +100,7 @@ def evidence(
     licence: Annotated[
         str, typer.Option("--license", metavar="URL", help="Terms of use, such as a Creative Commons URL.")
     ] = "",
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print no names of files.")] = False,
 ) -> None:  # fmt: skip
     """Write a result with its inputs as a folder for a reviewer.
 
@@ -114,4 +115,5 @@ def evidence(
     make_folder(target)
     with leaving(), shown_as_stored([result], [file]):
         for path in write_evidence(file, target, folder, licence):
-            print(path)
+            if not quiet:
+                print(path)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from navsim.report.citations import at, filtered, methods_of, of_landing
+from navsim.results.estimates import BRANCH
 from navsim.results.result import Result, scenario_of
 
 _PACKED = Path(__file__).resolve().parent / "pages"
@@ -212,7 +213,7 @@ def _by_separation(scenario: Mapping[str, Any]) -> bool:
     return bool(at(scenario, "integrity", "method") == "mhss")
 
 
-UNCHECKED: Mapping[str, Applies] = {
+UNCHECKED: Mapping[str, Callable[[Mapping[str, Any], Result], bool]] = {
     "solution separation: risk under all tests at once": lambda scenario, _: (
         _by_separation(scenario) and _is_set(at(scenario, "integrity", "tails"))
     ),
@@ -222,8 +223,13 @@ UNCHECKED: Mapping[str, Applies] = {
     "the risk behind the levels of a monitored filter": lambda scenario, _: (
         at(scenario, "integrity", "method") == "filter"
     ),
-    "rare events of landings with nonlinear errors": lambda _, root: root.get("method") == "rare",
-    "control variates": lambda _, root: root["kind"] == "landing" and root.get("method") == "monte-carlo",
+    "rare events of landings with nonlinear errors": lambda _, result: result.attributes.get("method") == "rare",
+    "control variates": lambda _, result: f"{BRANCH}/rms/horizontal" in result,
+    "the sum of several Gaussians": lambda scenario, result: (
+        result.attributes.get("method") != "covariance"
+        and filtered(scenario, result.attributes)
+        and at(scenario, "filter", "kind") == "gaussian-sum"
+    ),
     "steering by the estimate": lambda scenario, _: at(scenario, "approach", "guidance") == "estimate",
 }
 """Parts of methods without an outside judge, and whether a result rests on them."""
@@ -255,6 +261,14 @@ CONDITION = re.compile(r"(without |)`(?:--method ([a-z-]+)|([a-z_]+(?:\.[a-z_0-9
 """A method, or a key with or without a value, which a result has or lacks if the row is about it."""
 
 
+TO_DECLARE = (
+    "without signals.errors", "without pseudolites.clock_sigma_ns", "without pseudolites.range_bias_sigma_m",
+    "without pseudolites.survey_sigma_m", "integrity.p_constellation: 1e-08",
+)  # fmt: skip
+"""Ends of rows of `docs/limits.md` without which nobody may quote a number: errors that last and are not declared, a
+prior without a source."""
+
+
 @dataclass(frozen=True)
 class Judged:
     """A claim of the package, and who confirmed it."""
@@ -274,6 +288,11 @@ class UnmodelledEffect:
     effect: str
     consequence: str
     remedy: str
+
+    @property
+    def forbids(self) -> bool:
+        """Whether it forbids quoting the numbers, see `TO_DECLARE`."""
+        return self.effect.endswith(TO_DECLARE)
 
 
 def rows_of(page: str) -> list[tuple[str, list[str]]]:
@@ -306,7 +325,7 @@ def judged(result: Result) -> tuple[list[Judged], list[str]]:
                   if claim in known and claim not in absent]  # fmt: skip
         out += [Judged(method.name, claim, oracle, limit, end) for claim, oracle, limit, end, *_ in claims]
         without += [] if claims else [method.name]
-    return out, without + [part for part, is_used in UNCHECKED.items() if is_used(scenario, root)]
+    return out, without + [part for part, is_used in UNCHECKED.items() if is_used(scenario, result)]
 
 
 def unmodelled_effects(result: Result) -> list[UnmodelledEffect]:

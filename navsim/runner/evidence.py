@@ -17,6 +17,7 @@ from importlib.resources import files as packaged
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+import navsim
 from navsim.kinds import KINDS
 from navsim.report.assurance import judged, unmodelled_effects
 from navsim.report.citations import cited, methods_of
@@ -26,7 +27,7 @@ from navsim.results import files
 from navsim.results.findings import of as findings_of
 from navsim.results.result import DamagedResult, Result, ResultError, read, write_bytes, write_text
 from navsim.runner.errors import BadInput, as_problems
-from navsim.runner.provenance import OPTIONS, InputFile, stored_software
+from navsim.runner.provenance import CODE, OPTIONS, InputFile, software, stored_software
 from navsim.runner.verification import damage, find_inputs
 
 METADATA, PAGE, SUMS = "ro-crate-metadata.json", "ro-crate-preview.html", "SHA256SUMS"
@@ -36,6 +37,7 @@ _FORMATS = {
     ".h5": "application/x-hdf5", ".yaml": "application/yaml", ".html": "text/html", ".csv": "text/csv",
     ".txt": "text/plain",
 }  # fmt: skip
+_MAY_I = "May you quote it? The page how-to/review.md of the documentation of navsim has the list."
 _NO_LICENCE = "#licence-not-stated"
 _STYLE = packaged(__package__).joinpath("evidence.css").read_text(encoding="utf-8")
 
@@ -119,10 +121,17 @@ def page(evidence: Evidence) -> str:
     title = str(root.get("title") or evidence.file.stem)
     body = "\n".join(_sections(evidence))
     about = f"Result of navsim {root['navsim_version']}, computed {root['created']}"
+    one, other = (code.get(CODE, "unknown")[:16] for code in (stored_software(result), software()))
+    written = (
+        f"navsim {navsim.__version__} wrote this page, by {'the same' if one == other else 'other'} code (SHA-256 "
+        f"{other}) {'as' if one == other else 'than'} the result. It compared checksums and computed nothing again; "
+        "navsim verify does."
+    )
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>\n'
         f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head>\n<body>'
-        f"<h1>{escape(title)}</h1>\n<p>{escape(about)}, kind {escape(str(result.attributes['kind']))}.</p>\n{body}\n"
+        f"<h1>{escape(title)}</h1>\n<p>{escape(about)}, kind {escape(str(root['kind']))}.</p>\n"
+        f"<p>{escape(written)} {escape(_MAY_I)}</p>\n{body}\n"
         "</body></html>\n"
     )
 
@@ -142,19 +151,21 @@ def _sections(evidence: Evidence) -> Iterator[str]:
     asked = "/summary/requirements/verdict" in result
     yield ("" if asked else "<p>The scenario states no requirements.</p>") + html(verdicts)
     yield "<h2>Warnings</h2>"
-    found = findings_of(result)
-    yield "".join(f"<p>{escape(each.text)}</p>" for each in found) or "<p>navsim found nothing to warn of.</p>"
+    limits = unmodelled_effects(result)
+    found = [f"Left out: {each.effect}. {each.consequence}. Remedy: {each.remedy}." for each in limits if each.forbids]
+    found += [each.text for each in findings_of(result)]
+    yield "".join(f"<p>{escape(text)}</p>" for text in found) or "<p>navsim found nothing to warn of.</p>"
     yield f"<h2>Results</h2>{html(here.tables([(name, result)]))}"
     rows, without = judged(result)
     yield "<h2>Outside checks of the methods used</h2>"
     yield "<p>Each row compares code of navsim with another program, a publication or a closed form.</p>"
     if rows:
-        cells = [(each.method, each.claim, each.oracle, each.tolerance) for each in rows]
-        yield _table(("method", "claim", "checked against", "tolerance"), _once(cells))
+        cells = [(each.method, each.claim, each.oracle, each.tolerance, each.outcome) for each in rows]
+        yield _table(("method", "claim", "checked against", "tolerance", "result"), _once(cells))
     if without:
         yield f"<p>Methods of this result without an outside check: {escape('; '.join(without))}.</p>"
     yield "<h2>Effects that are not modelled</h2>"
-    effects = [(each.section, each.effect, each.consequence, each.remedy) for each in unmodelled_effects(result)]
+    effects = [(each.section, each.effect, each.consequence, each.remedy) for each in limits]
     if effects:
         yield _table(("subject", "left out", "consequence", "what to do"), _once(effects))
     else:
@@ -170,7 +181,8 @@ def _sections(evidence: Evidence) -> Iterator[str]:
     yield f"<h2>Reproduce and verify</h2><pre>{escape(_commands(evidence))}</pre>"
     yield (
         f"<p><code>{SUMS}</code> has a checksum of each file. Sign it with a tool of your own, such as gpg. This "
-        "folder shows the input, the computation and the numbers. It is no approval by anybody.</p>"
+        "folder shows the input, the computation and the numbers. It is no approval by anybody, and navsim is no "
+        "qualified tool (DO-330).</p>"
     )
     for part, text in evidence.texts.items():
         yield f'<h2>{escape(part)}</h2><pre class="long">{escape(text)}</pre>'
@@ -199,8 +211,9 @@ def _commands(evidence: Evidence) -> str:
     if command not in ("run", "sweep", "optimize", "replay"):
         return verify
     seed = "" if command == "replay" else f" --seed {result.attributes['seed']}"
-    copy = f"cp {main} {_INPUTS}/again.yaml"
-    return f"{verify}\n{copy}\nnavsim {command} {_INPUTS}/again.yaml{seed}{options} -o again.h5"
+    copy = f"cp -r {_INPUTS} ../again\ncp {main} ../again/again.yaml"
+    compare = f"navsim show {shlex.quote(evidence.file.name)} ../again/again.h5 --compare"
+    return f"{verify}\n{copy}\nnavsim {command} ../again/again.yaml{seed}{options} -o ../again/again.h5\n{compare}"
 
 
 def crate(evidence: Evidence, folder: Path) -> dict[str, Any]:

@@ -8,7 +8,6 @@ import re
 import shutil
 from datetime import datetime
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ import pytest
 from navsim.report.assurance import CONDITION, JUDGES, SECTIONS, UNCHECKED, judged, rows_of, unmodelled_effects
 from navsim.report.citations import METHODS
 from navsim.results.checksum import MARK
-from navsim.results.result import read
+from navsim.results.result import Result, read
 from navsim.scenario.keys import rows as key_rows
 from navsim.scenario.load import section
 from tests.forks import navsim
@@ -67,6 +66,11 @@ def test_every_kind_has_its_limits_and_judges(kind: str, place: Path) -> None:
         assert "changes of orbit" not in texts  # of signals.ephemeris, which this scenario lacks
         assert "hard iron" not in texts  # of a magnetometer
         assert "live source" not in texts
+        assert "the sum of several Gaussians" in without
+        assert "control variates" not in without  # of 30 runs
+        named = [each.effect.rpartition("without ")[2] for each in found if each.forbids]
+        assert named == ["signals.errors", *(f"pseudolites.{key}_sigma_{unit}" for key, unit in (
+            ("clock", "ns"), ("range_bias", "m"), ("survey", "m")))]  # fmt: skip
 
 
 def test_a_setting_of_none_has_no_rows(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -74,7 +78,7 @@ def test_a_setting_of_none_has_no_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     scenario: dict[str, Any] = {"integrity": {"method": "chi2", "exclusion": "none"}}
     monkeypatch.setattr("navsim.report.assurance.scenario_of", lambda _: scenario)
     monkeypatch.setattr("navsim.report.citations.scenario_of", lambda _: scenario)
-    result: Any = SimpleNamespace(attributes={"kind": "landing", "method": "monte-carlo"})
+    result = Result({"kind": "landing", "method": "monte-carlo"}, {})
     excluding = "memory of excluded sources (integrity.exclusion)"
     assert excluding not in {each.effect for each in unmodelled_effects(result)}
     stations = {each.claim for each in judged(result)[0] if "ground stations" in each.claim}
@@ -139,7 +143,8 @@ def test_a_folder_for_a_reviewer(place: Path, tmp_path: Path) -> None:
     assert graph_of(folder)["./"]["license"] == {"@id": "https://x.org/terms"}
     text = (folder / "ro-crate-preview.html").read_text(encoding="utf-8")
     for part in ("not met: 0.774", "undecided", "GDOP, PDOP, HDOP, VDOP, TDOP", "closed form (gnss_lib_py)",
-                 "flight dynamics", "navsim verify runs.h5 --folder inputs", "code of navsim"):  # fmt: skip
+                 "flight dynamics", "navsim verify runs.h5 --folder inputs", "code of navsim", "by the same code",
+                 "<h2>Warnings</h2>\n<p>Left out: time-correlated errors of satellite ranges"):  # fmt: skip
         assert part in text
     assert not re.search("certified|compliant|certif", text, re.IGNORECASE)
     assert "http" not in re.sub(r"<pre.*?</pre>", "", text, flags=re.DOTALL)  # needs no network
@@ -165,11 +170,13 @@ def test_the_page_repeats_the_result(place: Path, tmp_path: Path) -> None:
     navsim("evidence", place / "rare.h5", "-o", "folder", cwd=tmp_path)
     folder = tmp_path / "folder"
     text = (folder / "ro-crate-preview.html").read_text(encoding="utf-8")
-    words = re.search(r"navsim (run inputs/again.yaml[^<\n]*)", text)
+    words = re.search(r"navsim (run ../again/again.yaml[^<\n]*)", text)
     assert words
-    shutil.copy(folder / "scenario.yaml", folder / "inputs" / "again.yaml")
+    shutil.copytree(folder / "inputs", tmp_path / "again")
+    shutil.copy(folder / "scenario.yaml", tmp_path / "again" / "again.yaml")
     navsim(*words[1].split(), "-q", cwd=folder)
-    first, again = read(folder / "rare.h5"), read(folder / "again.h5")
+    first, again = read(folder / "rare.h5"), read(tmp_path / "again" / "again.h5")
+    assert "navsim show rare.h5 ../again/again.h5 --compare" in text
     for path in ("/summary/rare/probability", "/rare/error"):
         np.testing.assert_array_equal(first[path], again[path])
 
