@@ -119,19 +119,18 @@ def page(evidence: Evidence) -> str:
     """The page for the reviewer, one HTML file that needs no network."""
     result, root = evidence.result, evidence.result.attributes
     title = str(root.get("title") or evidence.file.stem)
-    body = "\n".join(_sections(evidence))
     about = f"Result of navsim {root['navsim_version']}, computed {root['created']}"
     one, other = (code.get(CODE, "unknown")[:16] for code in (stored_software(result), software()))
     written = (
-        f"navsim {navsim.__version__} wrote this page, by {'the same' if one == other else 'other'} code (SHA-256 "
-        f"{other}) {'as' if one == other else 'than'} the result. It compared checksums and computed nothing again; "
-        "navsim verify does."
+        f"navsim {navsim.__version__} wrote this page. Its code (SHA-256 {other}) is "
+        f"{'the one' if one == other else 'not the one'} that computed the result. It compared checksums and computed "
+        "nothing again; navsim verify does."
     )
+    body = "\n".join((f"<p>{escape(written)} {escape(_MAY_I)}</p>", *_sections(evidence)))
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>\n'
         f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head>\n<body>'
-        f"<h1>{escape(title)}</h1>\n<p>{escape(about)}, kind {escape(str(root['kind']))}.</p>\n"
-        f"<p>{escape(written)} {escape(_MAY_I)}</p>\n{body}\n"
+        f"<h1>{escape(title)}</h1>\n<p>{escape(about)}, kind {escape(str(root['kind']))}.</p>\n{body}\n"
         "</body></html>\n"
     )
 
