@@ -151,7 +151,7 @@ def _sections(evidence: Evidence) -> Iterator[str]:
     yield ("" if asked else "<p>The scenario states no requirements.</p>") + html(verdicts)
     yield "<h2>Warnings</h2>"
     limits = unmodelled_effects(result)
-    found = [f"Left out: {each.effect}. {each.consequence}. Remedy: {each.remedy}." for each in limits if each.forbids]
+    found = [f"Left out: {each.effect}: {each.consequence}; remedy: {each.remedy}." for each in limits if each.forbids]
     found += [each.text for each in findings_of(result)]
     yield "".join(f"<p>{escape(text)}</p>" for text in found) or "<p>navsim found nothing to warn of.</p>"
     yield f"<h2>Results</h2>{html(here.tables([(name, result)]))}"
