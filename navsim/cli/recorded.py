@@ -30,7 +30,7 @@ from navsim.cli.options import (
     set_option,
 )
 from navsim.cli.terminal import TerminalRequest, run_job
-from navsim.runner.opening import open_job, target_of
+from navsim.runner.opening import open_job, stem_of_log, target_of
 from navsim.runner.resources import Request, check_resources
 from navsim.runner.target import check_target, locked_target, save
 
@@ -45,7 +45,7 @@ _KERNELS = "live"
 class ReplayOptions:
     """Input and output of a replay."""
 
-    output: Annotated[Path | None, output_option("results/<log stem>.h5")] = None
+    output: Annotated[Path | None, output_option("results/<log stem>.h5; results/X_log.h5 for X_log/log.yaml")] = None
     set_: Annotated[list[str] | None, set_option("log")] = None
     figures: Annotated[str | None, figures_option()] = None
     bet: Annotated[
@@ -75,7 +75,7 @@ def replay(
     from navsim.runner.job import Options
 
     with leaving():
-        target = target_of(given.output, log.stem)
+        target = target_of(given.output, stem_of_log(log))
         beside = target.with_name(f"{target.stem}_bet.json")
         options = Options(require=required.require, bet=given.bet, bet_file=beside)
         job, _ = open_job("replay", log, given.set_ or [], options, AT_TERMINAL.warn)

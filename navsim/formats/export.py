@@ -123,6 +123,8 @@ def lacking(result: Result, what: str) -> ResultError:
     """Error: the result contains no single runs."""
     if result.attributes.get("method") == "covariance":
         return ResultError(f"a covariance analysis flies no runs and has no {what}; fly some with --method monte-carlo")
+    if (kind := result.attributes.get("kind")) != "landing":
+        return ResultError(f"a result of kind {kind} has no {what} of runs to export: only landings have")
     return ResultError(f"the result has no {what} of runs; run it with --keep all (a single run keeps them anyway)")
 
 

@@ -352,7 +352,10 @@ def read_nmea(path: Path, lines: list[str], dropped: Dropped, simulated: bool = 
         undated += not assembler.dated
         rows.append(last)
     dropped.add("corrupt NMEA sentences", assembler.corrupt)
-    dropped.add(f"{_WITHOUT_CHECKSUM}; write `skip_bad_records: true` to read them", assembler.no_checksum)
+    dropped.add(
+        f"{_WITHOUT_CHECKSUM}; to read them, write `skip_bad_records: true` in the log.yaml that names the file",
+        assembler.no_checksum,
+    )
     dropped.add("lines without an NMEA sentence", assembler.foreign)
     dropped.add("NMEA epochs without a fix", assembler.empty)
     for kind, words in INSTEAD_OF_FIXES.items():

@@ -96,7 +96,8 @@ def read_log(scenario: RecordedRanges, document: Document) -> RangeLog:
     heard = np.unique(index[order])
     silent = [name for i, name in enumerate(sources.names) if i not in heard]
     if silent:
-        warnings.append(f"no range is from {', '.join(silent)}")
+        of_zeros = ": a column of zeros has none" if scenario.ranges.source_columns else ""
+        warnings.append(f"no range is from {', '.join(silent)}{of_zeros}")
     fewest = FEWEST_SOURCES[scenario.ranges.measurement]
     if heard.size < fewest:
         raise _refuse(
@@ -104,7 +105,7 @@ def read_log(scenario: RecordedRanges, document: Document) -> RangeLog:
             "ranges.file",
             f"ranges of {several(heard.size, 'source')} "
             f"({', '.join(sources.names[i] for i in heard)}); a position from {scenario.ranges.measurement} ranges "
-            f"needs {fewest} at least",
+            f"needs {fewest} at least. Fewer can be simulated along a recorded flight (docs/recorded-path.md)",
         )
     kept = np.searchsorted(heard, index[order])
     there = Sources(tuple(sources.names[i] for i in heard), sources.position[heard], sources.origin)
@@ -225,6 +226,8 @@ def _ranges(
             )
             texts = list(section.source_columns.values())
             heard = np.isfinite(whole[:, 1:])
+            if section.measurement == "two_way" and (some := (heard & (whole[:, 1:] != 0.0)).any(axis=0)).any():
+                heard &= some  # autopilots write 0 for a beacon that is not there
             row, column = np.nonzero(heard)
             values = np.full((row.size, 4), np.nan)
             values[:, 0], values[:, 1] = whole[row, 0], whole[:, 1:][heard]

@@ -174,7 +174,7 @@ def _tuned(out: ResultBuilder, model: RangeModel, settings: dict[str, float]) ->
         "error; write it in the file if you know it"
     )
     if any(each.startswith("wander") for each in at_bound):
-        text += ". Without a wander: `bias.wander: {sigma_m: 0, correlation_time_s: 1}`"
+        text += ". Without a wander: `bias: {wander: {sigma_m: 0, correlation_time_s: 1}}`"
     return [Finding("tuning", text, count=len(at_bound), of=len(tuned))]
 
 

@@ -188,11 +188,13 @@ def _check_at_rest(samples: Samples, step: float) -> None:
             at = samples.time[row * size]
             rest = _longest_rest(moved, count)
             ends = samples.time[np.minimum(np.array(rest) * size, samples.time.size - 1)]
-            where = f"{ends[0]:.0f} to {ends[1]:.0f} s"
+            where = f"the longest rest is {ends[0]:.0f} to {ends[1]:.0f} s: choose it with --start and --end"
+            if ends[1] - ends[0] < SHORTEST:
+                where = f"it never lies still for the {SHORTEST:g} s that the noise needs: make a log at rest"
             change, allowed = off[row].max() / factor, least.max() / factor
             raise StaticError(
                 f"the sensor moves: the {name}s change by {digits(change)} {unit} at {at:.1f} s, where their noise "
-                f"allows {digits(allowed)}; the longest rest is {where}: choose it with --start and --end"
+                f"allows {digits(allowed)}; {where}"
             )
 
 

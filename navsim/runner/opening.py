@@ -96,6 +96,13 @@ def target_of(output: Path | None, default: str) -> Path:
     return output or Path("results") / f"{default}.h5"
 
 
+def stem_of_log(log: Path) -> str:
+    """Stem of a replay's result. Imports name every log log.yaml: those in folders X_log, as `navsim import` makes, do
+    not replace each other's results."""
+    folder = log.resolve().parent.name
+    return f"{folder.removesuffix('_log')}_{log.stem}" if folder.endswith("_log") else log.stem
+
+
 def schema_of(kind: str) -> dict[str, Any]:
     """The JSON Schema of files of a kind, or of `any`. Raises BadInput."""
     from navsim.kinds import OF_FILES

@@ -132,7 +132,7 @@ def _report_estimate(
 
     started = time.monotonic()
     asked, budget = _prepare(name, job, target, order, listener, executor)
-    seconds, why = None, "this work is not done in parts that take the same time"
+    seconds, why = None, "navsim can only estimate work in equal parts, such as runs"
     if not jit.is_warm(job.kernels):
         why = "its kernels are not compiled yet, which takes about a minute"
     else:

@@ -149,6 +149,8 @@ def test_moving_and_unusable_logs_are_refused(hour: tuple[Samples, Path], tmp_pa
     with pytest.raises(StaticError, match=text):
         measure(bumped, "")
     measure(bumped, "", first=1010.0, last=1200.0)
+    with pytest.raises(StaticError, match="never lies still for the 60 s"):
+        measure(bumped, "", first=970.0, last=1035.0)
     tilted = Samples(samples.time, samples.rate, samples.force.copy())
     tilted.force[30000:, 0] += 0.8
     with pytest.raises(StaticError, match="the accelerometers change"):

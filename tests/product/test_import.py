@@ -31,6 +31,7 @@ from navsim.geodesy.attitude import dcm_from_rpy
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.timescales import WEEK
 from navsim.replays import study as replay
+from navsim.runner.opening import stem_of_log
 from navsim.scenario.load import read_any, read_replay
 from tests import logs
 from tests.conftest import ROOT
@@ -359,6 +360,8 @@ def test_refusals(flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         ("empty.bin", b"", "the file is empty"),
         ("noise.bin", bytes(range(256)) * 9, "nor a log that navsim knows"),
         ("words.txt", b"nothing here\n" * 9, "not a log that navsim knows"),
+        ("log.yaml", b"kind: replay\nversion: 1\n", "needs no import"),
+        ("table.csv", b"t,x\n1,2\n" * 9, "declare the columns in a log.yaml"),
         ("cut.ulg", b"ULog\x01\x12\x35\x01", "damaged"),
     ):
         (tmp_path / name).write_bytes(content)
@@ -372,6 +375,11 @@ def test_refusals(flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert "--force" in imported(path, "-o", out, code=2).stderr
     monkeypatch.setitem(sys.modules, "pymavlink.DFReader", None)
     assert "pip install '.[logs]'" in imported(path, "-o", out, code=2).stderr
+
+
+def test_replays_of_two_imports_have_two_results() -> None:
+    stems = [stem_of_log(Path(name)) for name in ("a_log/log.yaml", "b_log/log.yaml", "b_log/ranges.yaml", "log.yaml")]
+    assert stems == ["a_log", "b_log", "b_ranges", "log"]
 
 
 def test_files_of_one_recording(flight: Flight, tmp_path: Path) -> None:

@@ -212,6 +212,8 @@ def test_the_result_is_not_overwritten(capsys: pytest.CaptureFixture[str]) -> No
 def test_what_lacks_samples_is_refused() -> None:
     c = case("duration_s=1")
     bare = landing.result(c, landing.fly_all(c, 1, 0, 2, threads(1), keep="errors"), 1, keep="errors")
+    with pytest.raises(ResultError, match="a result of kind replay has no inertial samples"):
+        next(mavlink.messages(Result({"kind": "replay"}, {})))
     with pytest.raises(ResultError, match="--keep all"):
         next(mavlink.messages(bare))
 

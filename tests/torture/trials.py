@@ -124,7 +124,7 @@ SHORTER = {
     "ranges": ("--set", "tuning=none"),
 }
 """Settings that make the shipped files quick."""
-_SOON = re.compile(r": about [0-3](?:\.\d)? s on |not done in parts that take the same time")
+_SOON = re.compile(r": about [0-3](?:\.\d)? s on |its time is not estimated: navsim can only")
 """What `--dry-run` says of work that takes up to 3 s, by a block that was timed, or is one piece, such as one run."""
 _MEMORY = re.compile(r": (?:.* )?about ([0-9.]+) MB of memory")
 

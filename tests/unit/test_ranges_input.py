@@ -72,6 +72,20 @@ def test_a_column_for_each_source_and_geodetic_positions(tmp_path: Path) -> None
     assert up[1] - up[0] == pytest.approx(10.0, abs=0.5)
 
 
+def test_a_column_of_zeros_has_no_range(tmp_path: Path) -> None:
+    """ArduPilot's BCN has D3 = 0 with three beacons; a zero among ranges stays one."""
+    distance = np.linalg.norm(TRUE[:, None] - POSITIONS, axis=2) * [1.0, 1.0, 1.0, 0.0]
+    distance[5, 0] = 0.0
+    rows = ["t_s,D0,D1,D2,D3", *(",".join(f"{x:.4f}" for x in (t, *d)) for t, d in zip(TIME, distance, strict=True))]
+    keys = "source_columns: {D0: a, D1: b, D2: c, D3: d}"
+    log = read(tmp_path, rows, keys)
+    assert log.sources.names == NAMES[:3]
+    assert log.range.size == 3 * TIME.size
+    assert log.warnings == ("no range is from d: a column of zeros has none",)
+    zeros = [rows[0], *(f"{t:.1f},0,0,0,0" for t in TIME)]
+    assert "all ranges are zero" in refusal(tmp_path, zeros, keys)
+
+
 @pytest.mark.parametrize(
     ("rows", "ranges", "sources", "says"),
     [

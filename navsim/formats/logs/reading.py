@@ -55,7 +55,11 @@ def _format(path: Path) -> Any:
     for form in (nmea_log, rtklib, kf_gins):
         if form.matches(text, path):
             return form
-    raise FileError(0, f"not a log that navsim knows ({_known()}); name its format with --format", path)
+    todo = {
+        ".yaml": "a file of navsim itself needs no import: navsim replay or navsim validate takes it",
+        ".csv": "for a table of your own declare the columns in a log.yaml (navsim init recorded_flight)",
+    }.get(path.suffix.lower(), "name its format with --format")
+    raise FileError(0, f"not a log that navsim knows ({_known()}); {todo}", path)
 
 
 def _known() -> str:
