@@ -326,7 +326,7 @@ def test_the_checksum_is_optional(tmp_path: Path) -> None:
         assert assembler.corrupt == 1
     (tmp_path / "log").write_text("\n".join(kinds))
     with pytest.raises(
-        FileError, match=r"16 NMEA sentences without a checksum .*optional.*write `skip_bad_records: true` in the log.yaml"
+        FileError, match=r"16 NMEA sentences without a checksum .*optional.*write `skip_bad_records: true` in the log"
     ):
         read_fixes(tmp_path / "log")
     assert read_fixes(tmp_path / "log", lenient=True)[0].time.size == 8
