@@ -51,7 +51,8 @@ _BEACONS = ("XKRB", "XKF0")
 _INSTANCES = ("I", "Instance")
 _WITHOUT = {
     "ACC": "raw samples of the accelerometers", "GYR": "raw samples of the gyros", "IMT": "increments of the IMUs",
-    "BCN": "ranges of beacons without their positions", "GPYW": "heading between two antennas; navsim takes GPS.Yaw",
+    "BCN": "ranges of beacons without their positions; docs/how-to/ranges.md says how to add them",
+    "GPYW": "heading between two antennas; navsim takes GPS.Yaw",
 }  # fmt: skip
 """Messages with measurements that navsim does not take."""
 
