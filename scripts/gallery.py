@@ -82,7 +82,7 @@ SECTIONS = (
         "outages": "Share of simulated outages with less drift",
     }),
     Section("A companion system", ("navsim run scenarios/azimuth_tracking.yaml",), "azimuth_tracking", {
-        "map": "Azimuth error of a radar without the aircraft's load factors, divided by that with them",
+        "map": "Azimuth error of a radar without load factors, divided by its error with them: above 1 they help",
     }),
 )  # fmt: skip
 
