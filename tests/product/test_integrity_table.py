@@ -105,7 +105,7 @@ def test_levels_are_those_of_a_landing_that_hears_no_more(method: str, added: in
     theirs = heard(*(names[i] for i in some), more=(method,)).levels
     np.testing.assert_allclose(here.monitor(some).levels, theirs, rtol=1e-12)
     assert np.isfinite(theirs).all()
-    share = np.mean((theirs[:, 0] <= here.requirements.limits[0]) & (theirs[:, 1] <= here.requirements.limits[1]))
+    share = np.mean((theirs <= here.requirements.limits).all(axis=1))
     np.testing.assert_allclose(here.judged(some), [share, *np.median(theirs, axis=0)], rtol=1e-12)
 
 

@@ -53,7 +53,7 @@ def test_behind_and_beside_the_approach_there_is_no_azimuth() -> None:
     places = np.array([[-500.0, 149.0, -60.0], [-500.0, 151.0, -60.0], [1500.0, 0.0, -60.0]])
     ecef = frame.origin + places @ frame.axes.T
     level = np.broadcast_to(np.eye(3), (3, 3, 3))
-    motion = types.SimpleNamespace(position_ecef=ecef, llh=llh_from_ecef(ecef), c_nb=level)
+    motion = types.SimpleNamespace(position_ecef=ecef, llh=llh_from_ecef(ecef), c_nb=level, c_ne=level)
     flight: Any = types.SimpleNamespace(frame=frame, motion=lambda time: motion)
     time = np.zeros(3)
     assert np.isnan(azimuth.sensor.noise_free(flight, time)[:, 0]).tolist() == [False, True, True]
