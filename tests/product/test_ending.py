@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -60,9 +61,10 @@ def seconds_of_other_threads(pid: int) -> float:
     """Processor time of the threads of a process without that of its main thread."""
     ticks = 0
     for thread in Path(f"/proc/{pid}/task").iterdir():
-        if thread.name != str(pid):
-            fields = (thread / "stat").read_text().rpartition(")")[2].split()
-            ticks += int(fields[11]) + int(fields[12])
+        with suppress(FileNotFoundError, ProcessLookupError):  # it ended since the folder was listed
+            if thread.name != str(pid):
+                fields = (thread / "stat").read_text().rpartition(")")[2].split()
+                ticks += int(fields[11]) + int(fields[12])
     return ticks / os.sysconf("SC_CLK_TCK")
 
 
