@@ -45,8 +45,8 @@ def verify(
 ) -> None:
     """Verify a result: file, inputs, code, and numbers, which are computed again.
 
-    navsim exits with code 1 if the result or an input was changed, with 2 if a file is missing, and with 4 if result
-    and inputs are intact, but other code computed numbers that this code does not repeat.
+    navsim exits with code 1 if the result or an input was changed, with 2 if a file is missing. It exits with code 4
+    if result and inputs are intact, but other code computed numbers that this code does not repeat.
     """
     from navsim.results.result import ResultError
     from navsim.runner import verification

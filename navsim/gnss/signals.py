@@ -567,9 +567,10 @@ def _corrections(
     signals: pseudorange.Signals, environment: Environment, gpst: np.ndarray, rows: np.ndarray, ratio2: np.ndarray,
     is_pseudolite: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray]:  # fmt: skip
-    """What a station measures at times (m,), GPS s, rows (m,) of epochs: of each source (m, s) the delay, m, and the
-    ionosphere in it, m; the effect (m, s, 4) of drawn errors, None without; and whether it has a correction.
+    """What a station measures at times (m,), GPS s, rows (m,) of epochs.
 
+    Returns the delay of each source (m, s), m; the ionosphere in it (m, s), m; the effect (m, s, 4) of drawn errors,
+    None without; and whether the source has a correction (m, s).
     Sources in fixed directions, and their errors, are the same for station and receiver.
     """
     effects = environment.effects

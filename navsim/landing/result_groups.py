@@ -10,7 +10,7 @@ from navsim.filter import states
 from navsim.geodesy.earth import FOOT, ned_matrix
 from navsim.gnss import timescales
 from navsim.gnss.constellations.systems import CLOCKS
-from navsim.gnss.interference.horizon import skyline_seen
+from navsim.gnss.interference.horizon import skyline_elevation
 from navsim.landing.case import Case, crossing_times
 from navsim.landing.sources import on_glide
 from navsim.results.builder import ResultBuilder
@@ -111,7 +111,7 @@ def _geometry(draft: ResultBuilder, case: Case) -> None:
     if case.environment.terrain.grids and s.time.size:
         around = np.linspace(0.0, 2.0 * np.pi, SKYLINE)
         draft["/geometry/skyline_azimuth"] = around
-        draft["/geometry/skyline"] = skyline_seen(case.environment.terrain, s.antenna[-1], around)
+        draft["/geometry/skyline"] = skyline_elevation(case.environment.terrain, s.antenna[-1], around)
     if case.environment.antenna is not None:
         draft["/geometry/shadowed"] = case.preflight.shadowed.sum(axis=0)
     pseudolites = case.pseudolites

@@ -217,8 +217,12 @@ class LevelScreen:
         )  # fmt: skip
         monitor = watching.over(stacked)
         levels = np.where(monitor.tested[:, None] & np.isfinite(monitor.levels), monitor.levels, np.inf)
-        levels, asked = levels.reshape(n, e, 2), integrity.approach_limits(case)
-        relative = None if asked is None else np.sort(integrity.relative_levels(asked, levels), axis=1)
+        levels = levels.reshape(n, e, 2)
+        relative = None
+        if any(isinstance(one, AvailabilityRequirement) for one in self._asked):
+            asked = integrity.approach_limits(case)
+            assert asked is not None
+            relative = np.sort(integrity.relative_levels(asked, levels), axis=1)
         levels = np.sort(levels, axis=1)
         load = self._load(levels, relative)
         for one in self._asked:

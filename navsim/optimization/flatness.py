@@ -149,7 +149,7 @@ def objective_map(problem: PlacementProblem, best: Found, trials: Evaluator) -> 
     return np.where(values < PENALTY_UNSOLVED, values, np.nan).reshape(s.size, l1.size)
 
 
-def seen_from(problem: PlacementProblem, s: np.ndarray, l1: np.ndarray) -> np.ndarray:
+def visible_share(problem: PlacementProblem, s: np.ndarray, l1: np.ndarray) -> np.ndarray:
     """Share of the glide's fixes (a, b) that see an antenna of the least height there is at places s (a,), l1 (b,)."""
     places = np.stack(np.meshgrid(s, l1, indexing="ij"), axis=-1).reshape(-1, 2)
     if problem.coordinates == 3:

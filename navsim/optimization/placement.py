@@ -48,24 +48,22 @@ class RunwayPlane:
         out = runway_positions(self.threshold, self.heading, places[..., :2], 0.0)
         if self.terrain is not None:
             out[..., 2] = self.terrain.ground(out)
-        out[..., 2] += self.given_heights(places)
+        out[..., 2] += self.antenna_heights(places)
         return out
 
-    def given_heights(self, places: np.ndarray) -> np.ndarray | float:
+    def antenna_heights(self, places: np.ndarray) -> np.ndarray | float:
         """Heights of antennas as the study counts them, above the plane or the ground, m."""
         return self.height if places.shape[-1] == 2 else places[..., 2]
 
     def heights(self, places: np.ndarray) -> np.ndarray | float:
         """Heights of antennas above the plane, m."""
-        if self.terrain is not None:
-            return self.llh(places)[..., 2] - self.threshold[2]
-        return self.given_heights(places)
+        return self.antenna_heights(places) if self.terrain is None else self.above_runway(places)[..., 2]
 
     def above_runway(self, places: np.ndarray) -> np.ndarray:
         """Places (..., 2 or 3) as a scenario has them, whose heights count from the runway."""
         if self.terrain is None:
             return places
-        return np.concatenate([places[..., :2], self.heights(places)[..., None]], axis=-1)  # type: ignore[index]
+        return np.concatenate([places[..., :2], self.llh(places)[..., 2:] - self.threshold[2]], axis=-1)
 
     def ecef(self, places: np.ndarray) -> np.ndarray:
         """Positions in ECEF (..., 3), m."""
@@ -131,7 +129,7 @@ class Rules:
                 depth = shapely.distance(shapely.points(s, l1), area.boundary)
                 keep(rule, sign * np.where(shapely.contains_xy(area, s, l1), depth, -depth))
         if self.costs is not None and math.isfinite(self.limit):
-            keep("costs", 1e3 * (self.costs.total(places, self.plane.given_heights(places)) / self.limit - 1.0))
+            keep("costs", 1e3 * (self.costs.total(places, self.plane.antenna_heights(places)) / self.limit - 1.0))
         count = places.shape[1]
         if count:
             keep("aircraft", self.track.too_near(self.plane.ecef(places)))
@@ -210,7 +208,7 @@ def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.n
         except OSError as error:
             message = f"{path}: cannot be read: {error.strerror or error}"
             raise InputError([Problem(document.place(key), f"constraints.{name}", message)]) from None
-    keep_out, permission = (_whole(found) for found in areas.values())
+    keep_out, permission = (_union(found) for found in areas.values())
     if study.costs is None and any(cost for _, cost in areas["permission"]):
         message = "polygons have a `cost`, which needs `costs`; `costs: {}` counts this alone"
         raise InputError([Problem(document.place(("constraints", "permission")), "constraints.permission", message)])
@@ -220,7 +218,7 @@ def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.n
     )  # fmt: skip
 
 
-def _whole(found: list[Permitted]) -> Any:
+def _union(found: list[Permitted]) -> Any:
     """All polygons as one geometry; None without any."""
     import shapely
 

@@ -189,7 +189,7 @@ class PlacementProblem:
         """Cost (k,) of each source of a placement (k, c); nan where the study has no costs."""
         if self.rules.costs is None:
             return np.full(len(places), np.nan)
-        return self.rules.costs.each(places[None], self.rules.plane.given_heights(places[None]))[0]
+        return self.rules.costs.each(places[None], self.rules.plane.antenna_heights(places[None]))[0]
 
     @property
     def flies(self) -> bool:

@@ -28,7 +28,7 @@ from navsim.optimization.flatness import (
     neighbourhood,
     objective_map,
     reaches,
-    seen_from,
+    visible_share,
 )
 from navsim.optimization.prefetch import ObjectiveFunctions, Prefetcher
 from navsim.optimization.problem import (
@@ -455,7 +455,7 @@ def optimize_result(problem: PlacementProblem, outcome: SearchOutcome, seed: int
     draft["/map/s"] = s
     draft["/map/l1"] = l1
     if problem.scenario.terrain:
-        draft["/map/seen"] = seen_from(problem, s, l1)
+        draft["/map/seen"] = visible_share(problem, s, l1)
     maps = problem.shown(np.stack([outcome.maps.get(one, np.full((s.size, l1.size), np.nan)) for one in members]))
     draft.put("/map/objective", maps, unit=unit, quantity=quantity)
     _put_costs(draft, problem, outcome)

@@ -18,7 +18,7 @@ from navsim.formats import heights
 from navsim.formats.heights import Box, read_heights
 from navsim.formats.text import FileError
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
-from navsim.gnss.interference.horizon import Terrain, behind, loss_behind, ridge, ridge_loss, skyline_seen
+from navsim.gnss.interference.horizon import Terrain, behind, loss_behind, ridge, ridge_loss, skyline_elevation
 from navsim.gnss.sky import enu_matrix, unit_vector
 from navsim.landing.case import Case, prepare
 from navsim.landing.result_groups import base
@@ -165,7 +165,7 @@ def test_searches_see_the_same(hilly: Case) -> None:
 
     draft = base(hilly, COVARIANCE)
     azimuth, edge = draft["/geometry/skyline_azimuth"][::30], draft["/geometry/skyline"][::30]
-    np.testing.assert_array_equal(edge, skyline_seen(hilly.environment.terrain, s.antenna[-1], azimuth))
+    np.testing.assert_array_equal(edge, skyline_elevation(hilly.environment.terrain, s.antenna[-1], azimuth))
     for off, wanted in ((-2e-5, True), (2e-5, False)):
         away = 1e6 * unit_vector(azimuth, edge + off) @ enu_matrix(llh_from_ecef(s.antenna[-1]))
         found = behind(hilly.environment.terrain, (s.antenna[-1] + away)[None], s.antenna[-1:])[0]

@@ -64,7 +64,8 @@ def test_two_way_dops(within: Within) -> None:
                        DOPs="1e-9")  # fmt: skip
 def test_dops_of_another_program(within: Within) -> None:
     """It has a clock. With a beacon opposite of each that has no part in the position, whose information doubles."""
-    sidereon, rng = pytest.importorskip("sidereon"), np.random.default_rng(7)
+    sidereon = pytest.importorskip("sidereon", reason="the other program is not installed")
+    rng = np.random.default_rng(7)
     equator = sidereon.Wgs84Geodetic(0.0, 0.0)  # up, east, north are ECEF's axes there
     for _ in range(1000):
         away = rng.uniform(-1.0, 1.0, (int(rng.integers(5, 9)), 3)) * [800.0, 800.0, rng.uniform(30.0, 300.0)]

@@ -175,7 +175,7 @@ _HALVINGS = 17
 _FAR = 1e6
 
 
-def skyline_seen(terrain: Terrain, eye: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+def skyline_elevation(terrain: Terrain, eye: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
     """Elevations (n,), rad, up to which ground hides the sky from an eye (3,), ECEF, m, at azimuths (n,); -pi/2 where
     there is none."""
     axes = enu_matrix(llh_from_ecef(eye))
