@@ -94,6 +94,8 @@ class OptimizeArguments(Common, total=False):
     seed: int
     runs: int | None
     """Runs of the best placements, 0 for none."""
+    workers: int | None
+    """Threads of these runs."""
     scheduler: PathLike | None
     time_limit: float | None
     """Stop after this time with the best placement so far, s."""

@@ -165,7 +165,7 @@ def optimize(study: Scenario, /, **given: Unpack[OptimizeArguments]) -> ResultFi
     Other Parameters
     ----------------
     **given
-        `seed`, `scheduler` and those of all functions, see `run`.
+        `seed`, `workers`, `scheduler` and those of all functions, see `run`.
 
     Returns
     -------

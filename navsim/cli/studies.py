@@ -87,6 +87,9 @@ class OptimizeOptions:
 
     output: Annotated[Path | None, output_option("results/<study stem>.h5")] = None
     seed: SeedOption = 1
+    workers: Annotated[
+        int | None, number_option(int, 1, "Threads of the runs that verify placements. Default: all cores.")
+    ] = None
     scheduler: SchedulerOption = None
     set_: Annotated[list[str] | None, set_option("study")] = None
     figures: Annotated[str | None, figures_option()] = None
@@ -117,7 +120,10 @@ def optimize(study: StudyArgument, given: OptimizeOptions, care: OutputOptions) 
     """
     from navsim.runner.job import Options
 
-    options = Options(given.seed, given.runs, scheduler=given.scheduler, time_limit=given.time_limit, fresh=given.fresh)
+    options = Options(
+        given.seed, given.runs, workers=given.workers, scheduler=given.scheduler, time_limit=given.time_limit,
+        fresh=given.fresh,
+    )  # fmt: skip
     with leaving():
         job, suffix = open_job("optimize", study, given.set_ or [], options, AT_TERMINAL.warn)
         target = target_of(given.output, study.stem + suffix)

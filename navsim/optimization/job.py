@@ -56,7 +56,7 @@ class OptimizeJob:
         def ask(scenario: Landing, sources: Environment) -> None:
             allow(self.estimate(scenario, sources))
 
-        self.posed = problem(self.section, self.document, self.base, ask)
+        self.posed = problem(self.section, self.document, self.base, ask, self.options.workers)
         self._runs = RUNS if self.options.runs is None else self.options.runs
 
     def estimate(self, scenario: Landing, sources: Environment) -> Budget:

@@ -284,19 +284,24 @@ def _of_broken(broken: np.ndarray) -> np.ndarray:
     return np.where(broken > 0.0, PENALTY_CONSTRAINT * (1.0 + np.maximum(broken, 0.0)), np.nan)
 
 
-def problem(study: Optimize, document: Document, base: Document, ask: Ask = lambda *_: None) -> PlacementProblem:
+def problem(
+    study: Optimize, document: Document, base: Document, ask: Ask = lambda *_: None, workers: int | None = None
+) -> PlacementProblem:
     """The base scenario, the rules and the objective of a study, after `ask` has checked it.
 
-    Raises InputError, and errors of `ask`.
+    workers: threads of the runs of placements, None for all cores. Raises InputError, and errors of `ask`.
     """
     first, *others = (
-        _with_power(study, document, base, ask if i == 0 else lambda *_: None, i) for i in range(len(study.powers))
+        _with_power(study, document, base, ask if i == 0 else lambda *_: None, i, workers)
+        for i in range(len(study.powers))
     )
     warnings = [text for each in (first, *others) for text in each.warnings]
     return replace(first, powers=tuple(others), warnings=[*dict.fromkeys(warnings)]) if others else first
 
 
-def _with_power(study: Optimize, document: Document, base: Document, ask: Ask, number: int) -> PlacementProblem:
+def _with_power(
+    study: Optimize, document: Document, base: Document, ask: Ask, number: int, workers: int | None
+) -> PlacementProblem:
     """The problem with a transmitter power of the study."""
     bare, power = base.copy(), study.powers[number]
     if power is not None:
@@ -374,7 +379,7 @@ def _with_power(study: Optimize, document: Document, base: Document, ask: Ask, n
     kept = rules(study, document, scenario, placing.receiver[: epochs.size], 0.0 if power is None else power.cost)
     study = study.model_copy(update={"constraints": kept.given})
     objective: ObjectiveFunction = partial(_of_geometry, study.objective.removeprefix("beacons_"), placing, kept)
-    fly = partial(_fly, study, bare, document, kept.plane)
+    fly = partial(_fly, study, bare, document, kept.plane, workers)
     by_geometry = study.objective in (*DOP_OBJECTIVES, *BEACON_OBJECTIVES)
     if by_geometry and not study.constraints.requirements:
         return PlacementProblem(study, scenario, kept, geometry, objective, warnings, fly=fly, beacons=beacons)
@@ -491,6 +496,7 @@ def _fly(
     bare: Document,
     document: Document,
     plane: RunwayPlane,
+    workers: int | None,
     places: np.ndarray,
     seed: int,
     first: int,
@@ -503,7 +509,7 @@ def _fly(
     set_value(own, "method", "monte-carlo", document.place(("base",)), document.folder)
 
     case = prepare(validated(Landing, own), own)
-    return of_runs(fly_case(case, seed, first, runs, threads()))
+    return of_runs(fly_case(case, seed, first, runs, threads(workers)))
 
 
 def with_sites(study: Optimize, bare: Document, document: Document, places: np.ndarray, plane: RunwayPlane) -> Document:

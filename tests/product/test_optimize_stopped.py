@@ -15,9 +15,11 @@ from matplotlib.text import Text
 from navsim.__main__ import main
 from navsim.cli import common
 from navsim.optimization import job
+from navsim.optimization import problem as posing
 from navsim.optimization import progress as watch
 from navsim.optimization.report import front, plan
 from navsim.results.result import read
+from navsim.runner.executor import threads
 from tests.conftest import SCENARIOS
 from tests.layout import as_declared
 
@@ -89,9 +91,11 @@ def test_time_limit_after_the_search_says_what_is_left(
     study: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     study.write_text(study.read_text().replace("[1, 2]", "[1]").replace("objective: vertical", "objective: vdop"))
-    whole = Clock()
-    code, out, _ = optimize(monkeypatch, capsys, whole, study, "--figures", "none")
+    whole, flown = Clock(), list[int | None]()
+    monkeypatch.setattr(posing, "threads", lambda workers: flown.append(workers) or threads(workers))
+    code, out, _ = optimize(monkeypatch, capsys, whole, study, "--figures", "none", "--workers", "1")
     assert code == 0
+    assert set(flown) == {1}, "runs of the best placement by other threads"
     assert "(stopped)" not in out
     limit = ("--time-limit", str(whole.now - 4), "--figures", "none")
     code, out, err = optimize(monkeypatch, capsys, Clock(), study, *limit)
