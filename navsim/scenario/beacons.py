@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.aiding_sensors import AidingSection, FilterAidingSection, Late
-from navsim.scenario.base import DEG, ListOf, NonNegative, Sigma, Signed, Triple, reject
+from navsim.scenario.base import DEG, ListOf, NonNegative, Section, Sigma, Signed, Triple, reject
 from navsim.scenario.events import SpoofSection
 from navsim.scenario.presets import BEACON_PRESETS
 from navsim.scenario.pseudolites import Site
@@ -214,6 +214,9 @@ class BeaconsSection(AidingSection):
         """The beacons as the filter assumes them."""
         its = landing.filter.beacons
         given = {key: value for key, value in its if value is not None and key in BeaconsSection.model_fields}
+        if self.clock is not None and its.clock is not None:
+            own = {key: value for key, value in its.clock if value is not None}
+            given["clock"] = self.clock.model_copy(update=own)
         return self.model_copy(update=given)
 
     def _check_events(self, landing: Landing) -> None:
@@ -347,6 +350,19 @@ ERRORS_OF_BEACONS = ("bias_sigma_m", "growth_sigma_m", "survey_sigma_m")
 """Keys of the errors that a filter may estimate."""
 
 
+class FilterBeaconClock(Section):
+    """The receiver's clock in the filter model of one-way ranges."""
+
+    h0: Annotated[float, Field(gt=0.0, le=1e-12)] | None = None
+    """white frequency noise in the filter model, Allan variance coefficient, s"""
+    h_minus2: Annotated[float, Field(gt=0.0, le=1e-12)] | None = None
+    """random walk of the frequency in the filter model, Allan variance coefficient, 1/s"""
+    offset_sigma_us: Annotated[float, Field(gt=0.0, le=30.0)] | None = None
+    """1 sigma of its offset at time 0 in the filter model"""
+    drift_sigma_ppb: Annotated[float, Field(gt=0.0, le=1e4)] | None = None
+    """1 sigma of its frequency offset at time 0 in the filter model"""
+
+
 class FilterBeacons(FilterAidingSection):
     """Filter model of the beacons; omitted keys are as in `beacons`."""
 
@@ -380,8 +396,8 @@ class FilterBeacons(FilterAidingSection):
     """distance at which the bias has grown to 63 % in the filter model"""
     survey_sigma_m: Annotated[float, Field(ge=0.0, le=5.0)] | None = None
     """1 sigma of the surveyed positions in the filter model"""
-    clock: BeaconClock | None = None
-    """the receiver's clock in the filter model; keys omitted in it have their defaults, not those of `beacons.clock`"""
+    clock: FilterBeaconClock | None = None
+    """the receiver's clock in the filter model; omitted keys are as in `beacons.clock`"""
     latency_s: Late | None = None
     """latency in the filter model"""
     lever_arm_m: Triple | None = None

@@ -328,6 +328,14 @@ def test_outliers_are_no_part_of_first_order_errors() -> None:
     assert "beacons" not in case(*BRIEF, section()).why_not_linear
 
 
+def test_a_key_of_the_filters_clock_leaves_the_others_as_those_of_the_receiver() -> None:
+    """The filter would otherwise believe a clock of 10 us beside one of 2 us."""
+    mine = scenario(section("clock: {offset_sigma_us: 2, h0: 3.0e-19}"), "filter.beacons={clock: {drift_sigma_ppb: 5}}")
+    clock = mine.beacons.assumed(mine).clock
+    assert (clock.offset_sigma_us, clock.h0, clock.drift_sigma_ppb) == (2.0, 3e-19, 5.0)
+    assert mine.beacons.clock.drift_sigma_ppb == 100.0
+
+
 def test_keys_beside_a_preset_replace_its_values() -> None:
     """As those of other presets; a preset of which nothing is left is named."""
     uwb = "beacons={sites: [{s_m: 300, l1_m: 900}], preset: uwb, rate_hz: 6, range_limit_m: 900%s}"
