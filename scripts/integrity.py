@@ -68,7 +68,6 @@ FEW = ((5, 0), (5, 1), (5, 2), (6, 0), (7, 0))
 MOST = 4
 """Subsets of satellites for each: a filter takes a second."""
 
-
 def monitoring() -> list[str]:
     made = {
         (fault, name): summary(*monitor, *events)
@@ -96,7 +95,6 @@ def monitoring() -> list[str]:
     right = "[right](integrity.md#choose-fault-priors); all other levels on this page have the default, 1."
     return [*lines, "", f"{told} {right}"]
 
-
 def false_alarms() -> list[str]:
     lines = [
         "False alarms in the cases that [integrity](integrity.md#monitor-the-filter) warns of, 20 runs:",
@@ -110,7 +108,6 @@ def false_alarms() -> list[str]:
         lines.append(row(label, count(found["alarms"]), count(found["tested"]), beyond))
     text = "Fixes with an alarm don't count as beyond their level: 0 shows no bound where most epochs have an alarm."
     return [*lines, "", text]
-
 
 def innovations() -> list[str]:
     lines = [
@@ -131,7 +128,6 @@ def innovations() -> list[str]:
             lines.append(row(f"{before}{name}", window, *cells))
     return lines
 
-
 def priors() -> list[str]:
     lines = [
         "## Levels after an exclusion",
@@ -147,7 +143,6 @@ def priors() -> list[str]:
         lines.append(row(label, *cells))
     return lines
 
-
 def risks() -> list[str]:
     lines = [
         "## The risk behind a level",
@@ -160,7 +155,6 @@ def risks() -> list[str]:
         level, whole, allowed, none, worst = measured.kept(("risk", setting), functools.partial(risk, setting))
         lines.append(row(label, f"{level:.2f}", *(f"{value:.1e}" for value in (whole, allowed, none)), worst))
     return lines
-
 
 def risk(setting: str) -> list[Any]:
     """Of the vertical level at a time: the level, m, its risk, what is allowed, the risk without a fault, the worst."""
@@ -178,7 +172,6 @@ def risk(setting: str) -> list[Any]:
         float(risks[0]),
         told,
     ]
-
 
 def few() -> list[str]:
     """Levels of fixes by number of sources, and those of filters."""
@@ -218,18 +211,15 @@ def few() -> list[str]:
         "Each row of filters has other subsets if it has another number of satellites: compare rows with five only. In "
         "one of these four subsets the second pseudolite raises the HPL, from 32 to 46 m.",
         "",
-        "The paper says that two pseudolites make integrity control possible. By rank a test "
-        "[exists](theory/integrity.md#6-required-numbers-of-sources). But with three satellites and two pseudolites "
-        "the levels exceed a kilometre. In the filter, one pseudolite brings five satellites within the limits at most "
-        "epochs.",
+        "The paper says that two pseudolites make integrity control possible. A test "
+        "[exists](theory/integrity.md#6-required-numbers-of-sources), but with three satellites and two pseudolites "
+        "the levels exceed a kilometre.",
     ]
-
 
 def few_by_fixes() -> dict[str, Any]:
     case = prepare(*read(measured.ROOT / "scenarios" / "landing.yaml", (WIDE,)))
     found, _ = integrity_table.cells(integrity_table.watched(case), SEED, lambda _: None)
     return {"shares": found[..., :2].tolist(), "levels": found[..., 2:].tolist()}
-
 
 def few_by_filters() -> list[list[float]]:
     case = prepare(*read(measured.ROOT / "scenarios" / "landing.yaml", (SEPARATED,)))
@@ -239,7 +229,6 @@ def few_by_filters() -> list[list[float]]:
         found = [here.judged(np.concatenate([some, here.pseudolites[:added]])) for some in chosen]
         out.append(np.median(found, axis=0).tolist())
     return out
-
 
 def probe() -> measured.Probe:
     """Counts and levels of the monitored filter, of the test of innovations, and a residual risk."""
@@ -253,9 +242,7 @@ def probe() -> measured.Probe:
     out["innovations"] = summary(WINDOWED % 10, SPOOFED, runs=runs)["integrity"]["innovation_share"]
     return out
 
-
 PAGE = measured.Page("integrity-measured.md", "integrity", (SEED,), probe)
-
 
 def main() -> None:
     """Fly every case and write the tables."""
@@ -268,7 +255,6 @@ def main() -> None:
     for section in (monitoring, false_alarms, innovations, priors, risks, few):
         lines += ["", *section()]
     PAGE.write(lines, begun)
-
 
 if __name__ == "__main__":
     main()

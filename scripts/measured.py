@@ -163,7 +163,7 @@ class Page:
             sys.exit(f"the code changed from commit {begun} to {ended} during the runs: start `{self.command}` again")
         seeds = f"seed {self.seeds[0]}" if len(self.seeds) == 1 else f"seeds {', '.join(map(str, self.seeds))}"
         values = [f"    {json.dumps(label, ensure_ascii=False)}: {_digits(row)}" for label, row in self.probe().items()]
-        closing = f"Made by `{self.command}` with the code of commit {begun}, {seeds}."
+        closing = f"Made by `{self.command}`, commit {begun}, {seeds}."
         comment = f"{OPEN}{{\n" + ",\n".join(values) + f"\n}}{CLOSE}"
         self.path.write_text("\n".join([*lines, "", closing, "", comment, ""]), encoding="utf-8")
 

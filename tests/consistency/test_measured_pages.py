@@ -42,7 +42,7 @@ def test_a_page_is_of_this_code(name: str, request: pytest.FixtureRequest) -> No
     text = page.path.read_text()
     commit = r"commit `[0-9a-f]{10,}` \([0-9-]{10}\)"
     assert (NOTE in text) == (name in EARLIER)
-    (seeds,) = re.findall(rf"Made by `{page.command}` with the code of {commit}, seeds? ([0-9, ]+)\.", text)
+    (seeds,) = re.findall(rf"Made by `{page.command}`(?:, | with the code of ){commit}, seeds? ([0-9, ]+)\.", text)
     assert seeds == ", ".join(map(str, page.seeds))
     if name in ("recorded_approach", "replays"):
         request.getfixturevalue("shared")
@@ -102,7 +102,7 @@ def test_no_page_without_a_commit(tmp_path: Any, monkeypatch: pytest.MonkeyPatch
     begun = measured.commit()
     one.write(["# Title"], begun)
     text = one.path.read_text()
-    assert f"\nMade by `python scripts/script.py` with the code of commit {begun}, seeds 3, 4.\n" in text
+    assert f"\nMade by `python scripts/script.py`, commit {begun}, seeds 3, 4.\n" in text
     assert one.stored() == {"a -> b": [1.0, -2.5e-7]}
     assert measured.commit() == begun, "pages are no code"
     (tmp_path / "navsim" / "code.py").write_text("1\n")
