@@ -214,36 +214,44 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
 
 
 SUBJECTS = {
-    "air": "Wind and turbulence", "atc": "Tracking with onboard data", "atmosphere": "Ionosphere and troposphere",
-    "azimuth": "The landing circuit", "cramer_rao": "Covariance of the filter", "dop": "Dilution of precision",
-    "earth": "Coordinates and gravity", "elevation": "MLS elevation", "error_state": "The filter",
-    "export": "Exported RINEX", "ground": "Headings, rest and wheels", "heights": "Air pressure and geoid",
-    "ranging": "Recorded ranges",
-    "rinex": "Reading RINEX", "sensors": "Inertial sensors", "sky": "Galileo, BeiDou, QZSS",
-    "strapdown": "Strapdown navigation", "table2": "Table 2 of the landing paper", "tails": "Risk behind levels",
-    "tight": "Tight coupling, monitored filters", "track": "Recorded trajectories",
+    "error_state": "The filter", "cramer_rao": "Covariance of the filter",
+    "tight": "Tight coupling, monitored filters", "smoother": "Smoother", "strapdown": "Strapdown navigation",
+    "sensors": "Inertial sensors", "dop": "Dilution of precision", "single_point": "Single point",
+    "pseudolites": "Pseudolites", "beacons": "Beacons", "ranging": "Recorded ranges", "integrity": "Integrity",
+    "tails": "Risk behind levels", "importance_sampling": "Importance sampling", "interference": "Interference",
+    "orbits": "Orbits", "sky": "Galileo, BeiDou, QZSS", "atmosphere": "Ionosphere and troposphere",
+    "rinex": "Reading RINEX", "export": "Exported RINEX", "earth": "Coordinates and gravity", "runway": "Runway",
+    "paths": "Paths", "track": "Recorded trajectories", "air": "Wind and turbulence",
+    "heights": "Air pressure and geoid", "ground": "Headings, rest and wheels", "ground_stations": "Ground stations",
+    "table2": "Table 2 of the landing paper", "elevation": "MLS elevation", "azimuth": "The landing circuit",
+    "atc": "Tracking with onboard data",
 }  # fmt: skip
-"""Headings of docs/validation.md by test file, if they are not its name."""
+"""Headings of docs/validation.md in their order, by test file."""
+_NOT_RUN = {"passed": "", "skipped": ", not run"}
+"""What a row says behind its tolerance, by the outcome of its test."""
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Write docs/validation.md from the oracle tests that ran: claim, oracle, tolerance, result."""
+    """Write docs/validation.md from the oracle tests, none of which may fail: claim, oracle, tolerance."""
     target = session.config.getoption("--validation")
     if not target or hasattr(session.config, "workerinput"):
         return
+    failed = [name for name, row in _rows.items() if row.outcome == "failed"]
     idle = {name: row.unused for name, row in _rows.items() if row.outcome == "passed" and row.unused}
-    if idle:
-        raise pytest.UsageError(f"tolerances that their tests do not use: {idle}")
+    if failed or idle:
+        raise pytest.UsageError(f"no page: tests failed: {failed}; tolerances that their tests do not use: {idle}")
     from navsim.report.assurance import JUDGES, UNCHECKED
     from navsim.report.citations import METHODS
 
-    in_order = sorted(_rows.items(), key=lambda row: (row[1].file, row[1].line))
+    order = [f"test_{stem}" for stem in SUBJECTS]
+    in_order = sorted(_rows.items(), key=lambda row: (order.index(Path(row[1].file).stem), row[1].line))
     lines = [
         "# Validation",
         "",
-        "Each row compares navsim with other code, a publication or a closed form, within the tolerance.",
+        "Who says that navsim computes correctly? Each row compares it with other code, a publication or a closed form.",
+        "All rows hold within their tolerance: `make docs` writes this page only if no test fails.",
         "An *independent script* computed published formulas without navsim's code; the test or `tests/data` has its",
-        "numbers and their source. Comparisons of navsim with itself are left out. `make docs` writes this page.",
+        "numbers and their source. Comparisons of navsim with itself are left out.",
         "",
         "These methods have no outside check:",
         "",
@@ -253,11 +261,10 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         "[Runs](filter-consistency.md) show when the covariance of the sum of several Gaussians is true.",
     ]
     for file, rows in groupby(in_order, lambda row: row[1].file):
-        stem = Path(file).stem.removeprefix("test_")
-        lines += ["", f"## {SUBJECTS.get(stem, stem.replace('_', ' ').capitalize())}", ""]
-        lines += ["| claim | checked against | tolerance | result | test |", "|---|---|---|---|---|"]
+        lines += ["", f"## {SUBJECTS[Path(file).stem.removeprefix('test_')]}", ""]
+        lines += ["| claim | checked against | tolerance | test |", "|---|---|---|---|"]
         lines += [
-            f"| {row.claim} | {row.oracle} | {row.tolerance or 'exact'} | {row.outcome} | `{name.split('::')[-1]}` |"
+            f"| {row.claim} | {row.oracle} | {row.tolerance or 'exact'}{_NOT_RUN[row.outcome]} | `{name.split('::')[-1]}` |"
             for name, row in rows
         ]
     lines.append("")

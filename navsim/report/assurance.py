@@ -277,7 +277,6 @@ class Judged:
     claim: str
     oracle: str
     tolerance: str
-    outcome: str
 
 
 @dataclass(frozen=True)
@@ -323,7 +322,7 @@ def judged(result: Result) -> tuple[list[Judged], list[str]]:
     for method in methods_of([result]):
         claims = [[*map(_without_marks, known[claim])] for claim in JUDGES.get(method.name, ())
                   if claim in known and claim not in absent]  # fmt: skip
-        out += [Judged(method.name, claim, oracle, limit, end) for claim, oracle, limit, end, *_ in claims]
+        out += [Judged(method.name, claim, oracle, limit) for claim, oracle, limit, *_ in claims]
         without += [] if claims else [method.name]
     return out, without + [part for part, is_used in UNCHECKED.items() if is_used(scenario, result)]
 

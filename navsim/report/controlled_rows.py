@@ -23,7 +23,7 @@ def controlled_rows(table: Table, results: Sequence[tuple[str, Result]]) -> None
     """Add the section of controlled estimates if a result has any, or the reason why there are none."""
     if not any(_has_branch(result) for _, result in results):
         return
-    table.head("RMS by control variates, m", *("RMS [95 %], equivalent runs" for _ in results))
+    table.head("RMS by control variates (more precise), m", *("RMS [95 %], equivalent runs" for _ in results))
     names = {f"rms/{part}": f"{part}, {RMS_WINDOW:g} s" for part in ("horizontal", "vertical")}
     for path, label in names.items():
         table.add(f"  {label}", *(_estimate(result, path) for _, result in results))

@@ -89,7 +89,7 @@ def test_results_take_the_narrower_interval(made: Result) -> None:
 def test_the_table_has_both(made: Result) -> None:
     table = summary_table([("a", made)])
     rows = {str(row.cells[0]).strip(): str(row.cells[1]) for row in table.rows if len(row.cells) > 1}
-    assert "equivalent runs" in rows["RMS by control variates, m"]
+    assert "equivalent runs" in rows["RMS by control variates (more precise), m"]
     value, low, high = made["/summary/controlled/rms/vertical"]
     shown = [float(each) for each in re.findall(r"\d+\.\d+", rows["vertical, 20 s"])[:3]]
     assert shown == pytest.approx([value, low, high], abs=0.05 * (high - low))  # two digits of half the interval
