@@ -248,7 +248,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     lines = [
         "# Validation",
         "",
-        "Who says that navsim computes correctly? Each row compares it with other code, a publication or a closed form.",
+        "Does navsim compute correctly? Each row compares it with other code, a publication or a closed form.",
         "All rows hold within their tolerance: `make docs` writes this page only if no test fails.",
         "An *independent script* computed published formulas without navsim's code; the test or `tests/data` has its",
         "numbers and their source. Comparisons of navsim with itself are left out.",
@@ -264,7 +264,8 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         lines += ["", f"## {SUBJECTS[Path(file).stem.removeprefix('test_')]}", ""]
         lines += ["| claim | checked against | tolerance | test |", "|---|---|---|---|"]
         lines += [
-            f"| {row.claim} | {row.oracle} | {row.tolerance or 'exact'}{_NOT_RUN[row.outcome]} | `{name.split('::')[-1]}` |"
+            f"| {row.claim} | {row.oracle} | {row.tolerance or 'exact'}{_NOT_RUN[row.outcome]} "
+            f"| `{name.split('::')[-1]}` |"
             for name, row in rows
         ]
     lines.append("")
