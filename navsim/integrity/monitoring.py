@@ -131,7 +131,9 @@ class Monitoring:
         if self.exclusion == NO_EXCLUSION:
             return ()
         if self.exclusion == RESIDUAL and isinstance(self.test, Allocation):
-            return tuple(fault for fault in self.expected(signals) if not fault.of)
+            single = tuple(fault for fault in self.expected(signals) if not fault.of)
+            # the bank's filters can do without beacons
+            return tuple(one for one in single if self.bank is None or set(one.sources) <= set(self.beacons))
         heard = np.flatnonzero(signals.used.any(axis=0))
         return tuple(ExpectedFault(signals.names[i], (signals.names[i],), 0.0) for i in heard)
 
@@ -140,18 +142,28 @@ class Monitoring:
 
         All candidates and the fix with all sources share the integrity risk.
         """
-        candidates = self.candidates(flight)
-        out = candidates[candidate].sources
-        share = 1.0 / (1.0 + len(candidates))
-        test: ChiSquareTest | Allocation
-        if isinstance(self.test, ChiSquareTest):
-            test = replace(self.test, p_md=share * self.test.p_md)
-        else:
-            p_hmi_v, p_hmi_h = share * self.test.p_hmi_vertical, share * self.test.p_hmi_horizontal
-            test = replace(self.test, p_hmi_vertical=p_hmi_v, p_hmi_horizontal=p_hmi_h)
+        out = self.candidates(flight)[candidate].sources
+        share, test = self._shared(flight)
         # the fault list does not depend on the epochs
         expected = self.expected(_but(flight, out), share)
         return self._over(_but(signals, out), expected, test)
+
+    def without_beacons(self, signals: Signals, names: Sequence[str]) -> tuple[Allocation, tuple[ExpectedFault, ...]]:
+        """Allocation and faults of a filter without these beacons, which are one of the candidates; risk as of
+        `without`."""
+        share, test = self._shared(signals)
+        assert isinstance(test, Allocation)
+        faults = tuple(fault for fault in self.faults if not set(fault.sources) <= set(names))
+        less = replace(self, faults=faults, beacons=tuple(b for b in self.beacons if b not in names))
+        return test, less.expected(signals, share)
+
+    def _shared(self, signals: Signals) -> tuple[float, ChiSquareTest | Allocation]:
+        """Share of the integrity risk of each candidate and of the solution with all sources, and a test with it."""
+        share = 1.0 / (1.0 + len(self.candidates(signals)))
+        if isinstance(self.test, ChiSquareTest):
+            return share, replace(self.test, p_md=share * self.test.p_md)
+        p_hmi_v, p_hmi_h = share * self.test.p_hmi_vertical, share * self.test.p_hmi_horizontal
+        return share, replace(self.test, p_hmi_vertical=p_hmi_v, p_hmi_horizontal=p_hmi_h)
 
     def over(self, signals: Signals) -> Snapshot:
         """The monitor of the fixes from these signals, of all that are used."""

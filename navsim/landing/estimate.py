@@ -135,7 +135,9 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         names if scenario.filter.tight else 0,
         0 if scenario.integrity is None or scenario.integrity.innovations is None else fixes,
         # one for each source that is received, about half of a sky, for each system, and some for two at once
-        0 if scenario.integrity is None or scenario.integrity.method != "filter" else names // 2 + 4 + watched,
+        0
+        if scenario.integrity is None or scenario.integrity.method != "filter"
+        else (names // 2 + 4 + watched) * (1 if scenario.integrity.exclusion == "none" else 1 + watched),
         scenario.trajectory_draws(),
         2 if scenario.imu.limited() else 0,
         any(triad.further.there for triad in scenario.imu.triads()),

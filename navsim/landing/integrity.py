@@ -7,12 +7,13 @@ Source of the counts: `docs/theory/integrity.md`, section 7.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from navsim.geodesy.earth import ecef_from_llh
-from navsim.gnss.events import Silence
+from navsim.gnss.events import BEACONS, Event, Silence
 from navsim.integrity import sbas_gbas
 from navsim.integrity.araim import SeparationDistances
 from navsim.integrity.exclusion import NOTHING
@@ -38,7 +39,7 @@ from navsim.runner.checkpoint import Arrays
 from navsim.runner.statistics import mean_interval, share_interval
 from navsim.scenario.base import DEG
 from navsim.scenario.requirements import LevelRequirement, singles
-from navsim.simulation.filter_bank import FilterBank
+from navsim.simulation.filter_bank import FilterBank, beacons_received
 from navsim.simulation.run import Run
 from navsim.statistics.rounding import digits
 
@@ -129,19 +130,28 @@ def relative_levels(asked: ApproachLimits, levels: np.ndarray) -> np.ndarray:
 
 
 def faulty(case: Case) -> np.ndarray:
-    """Which ranges are wrong by an event (e, s) bool."""
-    signals = case.shared.signals
-    out = np.zeros(signals.used.shape, bool)
-    for event in case.environment.events:
-        if not isinstance(event.what, Silence):
-            correlated = (signals.time >= event.begin) & (signals.time < event.end)
-            out |= correlated[:, None] & event.concerns(signals.names, case.environment.systems_of(signals.names))
-    return out & signals.used
+    """Which ranges, of sources and of monitored beacons, are wrong by an event (e, s + b) bool."""
+    signals, watching = case.shared.signals, case.flight.watching
+
+    def wrong(events: Sequence[Event], names: Sequence[str], systems: Sequence[str]) -> np.ndarray:
+        out = np.zeros((signals.time.size, len(names)), bool)
+        for event in events:
+            if not isinstance(event.what, Silence):
+                during = (signals.time >= event.begin) & (signals.time < event.end)
+                out |= during[:, None] & event.concerns(names, systems)
+        return out
+
+    out = wrong(case.environment.events, signals.names, case.environment.systems_of(signals.names)) & signals.used
+    if watching is None or case.scenario.beacons is None:
+        return out
+    names, mine = watching.beacons, case.scenario.beacons.happenings(case.scenario)
+    return np.hstack([out, wrong(mine, names, [BEACONS] * len(names)) & beacons_received(case.flight)])
 
 
 def outcomes(case: Case) -> np.ndarray:
     """Outcome by `EXCLUSIONS` of excluding each candidate at each epoch (c + 1, e); the last is `NOTHING`."""
-    wrong, names = faulty(case), case.shared.signals.names
+    wrong, watching = faulty(case), case.flight.watching
+    names = (*case.shared.signals.names, *(() if watching is None else watching.beacons))
     taken = np.array([np.isin(names, one.sources) for one in case.flight.candidates]).reshape(-1, 1, len(names))
     remains = (wrong & ~taken).any(axis=2)
     came = np.where(wrong.any(axis=1), remains.astype(np.int64), EXCLUSIONS.index("needless"))

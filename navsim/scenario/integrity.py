@@ -171,9 +171,10 @@ class IntegritySection(Section):
     """height above the runway from which to touchdown an approach has to be available throughout; null: all of the
     glide"""
     exclusion: Literal["none", "residual", "rms"] = "none"
-    """source (chi2) or fault (mhss) that is excluded after an alarm, if the rest then passes its own test. `residual`:
-    the one with the largest normalised residual. `rms`, as RTKLIB does: the source whose exclusion leaves the smallest
-    RMS of residuals. `none`: nothing is excluded"""
+    """source (chi2), fault (mhss) or beacons (filter) excluded after an alarm, if the rest then passes its own test.
+    `residual`: the one with the largest normalised residual; filter: the beacons whose filter differs most, for the
+    rest of the run. `rms`, as RTKLIB does: the source whose exclusion leaves the smallest RMS of residuals. `none`:
+    nothing is excluded"""
     on_alarm: Literal["use", "drop"] = "use"
     """whether the filter takes fixes whose alarm no exclusion has ended"""
     p_fa: Chance = 6.666667e-5
@@ -240,8 +241,10 @@ class IntegritySection(Section):
     @model_validator(mode="after")
     def _of_fixes_alone(self) -> Self:
         if self.method == "filter":
+            if self.exclusion == "rms":
+                text = "must be residual or none with method filter: rms is of residuals of fixes"
+                raise reject(text, "exclusion")
             for name, default, why in (
-                ("exclusion", "none", "exclusion needs new fixes without the excluded source"),
                 ("on_alarm", "use", "alarms of the filter come after it took the fix"),
                 ("tails", None, "they are sampled of fixes"),
                 ("comparison", None, "the forms are of fixes"),

@@ -208,6 +208,9 @@ class Landing(Section):
                 )
             except KeyedError as error:
                 raise reject(str(error), "integrity", *error.path) from None
+            if self.integrity.method == "filter" and self.integrity.exclusion != "none" and self.beacons is None:
+                text = "with method filter it excludes beacons, and there are none; use method mhss or chi2"
+                raise reject(text, "integrity", "exclusion")
             if self.integrity.method == "filter" and self.filter.kind in SMOOTHERS:
                 text = f"is for a filter, {self.filter.kind} is a smoother; use mhss or chi2, or another filter.kind"
                 raise reject(text, "integrity", "method")
@@ -360,7 +363,8 @@ class Landing(Section):
     @property
     def _excludes_fixes(self) -> bool:
         """Whether fixes may be made without some of their sources."""
-        return self.integrity is not None and self.integrity.exclusion != "none" and not self.filter.tight
+        excludes = self.integrity is not None and self.integrity.exclusion != "none"
+        return excludes and not self.filter.tight and not self.watches_filter
 
     def about_transmitter_errors(self) -> Literal["states", "inflate", "none"]:
         """The filter's handling of the errors of pseudolites that are drawn; with exclusion fixes have other errors

@@ -12,7 +12,7 @@ monitoring methods, NAVIGATION 50(3) (2003).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -81,19 +81,27 @@ class FilterBank(SeparationDistances):
     """(e,) bool, whether the filter has a fix, a range of a beacon or, tightly coupled, of a source."""
     idle: np.ndarray
     """(f, e) bool, whether without the faulty sources there is neither a fix nor beacons enough for a position."""
+    excluded: tuple[str, ...] = ()
+    """Beacons that no filter uses."""
+    _kept: dict[tuple[str, ...], FilterBank] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, flight: Flight) -> FilterBank:
-        """Filter bank of a flight. Raises ValueError for one that no filters monitor."""
+    def of(cls, flight: Flight, excluded: tuple[str, ...] = ()) -> FilterBank:
+        """Filter bank of a flight whose filters never use the excluded beacons. Raises ValueError for a flight that no
+        filters monitor."""
         watching = flight.watching
         if watching is None or not isinstance(watching.test, Allocation):
             raise ValueError("solution separation needs the shares of its levels")
         signals = flight.shared.signals
-        expected, names, sources = watching.expected(signals), (*signals.names, *watching.beacons), len(signals.names)
-        faults = faults_of(names, expected)
-        taken = np.array([np.isin(names, one.sources) for one in expected], bool).reshape(-1, len(names))
-        whole = along_design(flight, np.zeros(len(names), bool))
-        nominal = np.array([watching.nominal[name] for name in names])
+        every = (*signals.names, *watching.beacons)
+        test, expected = watching.test, watching.expected(signals)
+        if excluded:
+            test, expected = watching.without_beacons(signals, excluded)
+        sources, never = len(signals.names), np.isin(every, excluded)
+        faults = faults_of(every, expected)
+        taken = np.array([never | np.isin(every, one.sources) for one in expected], bool).reshape(-1, len(every))
+        whole = along_design(flight, never)
+        nominal = np.array([watching.nominal[name] for name in every])
         # only the data that levels and differences need, since all would be hundreds of megabytes
         route = route_of_filter(flight, whole)
         gains, solutions, both = [], [FilterSolution.of(flight, whole, nominal)], []
@@ -102,7 +110,7 @@ class FilterBank(SeparationDistances):
             gains.append(along.lin.gain)
             solutions.append(FilterSolution.of(flight, along, nominal))
             both.append(2.0 * np.diagonal(excess(flight, route, whole, along)[1:], axis1=1, axis2=2)[:, _ENU])
-        heard = beacons_received(flight)
+        heard = beacons_received(flight) & ~never[sources:]
         # beacons that give a position by themselves
         enough = 4 if any(aid.sensor.clock is not None for aid in flight.shared.aids) else 3
         ever = np.logical_or.accumulate(np.hstack([signals.used, heard]), axis=0)
@@ -114,7 +122,7 @@ class FilterBank(SeparationDistances):
             for one in taken
         ]
         idle = ~np.array(solved_, bool).reshape(len(taken), signals.time.size)
-        found = araim.allocated_risk(spread, ever, faults, watching.test, idle=idle)
+        found = araim.allocated_risk(spread, ever, faults, test, idle=idle)
         there = found.monitored[..., None] & (found.threshold > 0.0)
         inverse = 1.0 / np.where(there, found.threshold, np.inf)
         scale = np.zeros((flight.shared.filter_time.size, len(faults), 3))
@@ -125,8 +133,14 @@ class FilterBank(SeparationDistances):
             flight, found, taken, route, np.stack(gains, axis=1) if gains else np.zeros(shape),
             np.where(events.kind == FIX, events.row, -1), scale, tuple(solutions),
             np.asarray(signals.used.any(axis=1) if flight.design.tight else fix_of(signals).solved)
-            | heard.any(axis=1), idle,
+            | heard.any(axis=1), idle, excluded,
         )  # fmt: skip
+
+    def without(self, beacons: tuple[str, ...]) -> FilterBank:
+        """The bank of the filter that never uses these beacons either, and of filters without each further fault."""
+        if beacons not in self._kept:
+            self._kept[beacons] = FilterBank.of(self.flight, beacons)
+        return self._kept[beacons]
 
     @property
     def tested(self) -> np.ndarray:

@@ -20,7 +20,7 @@ from navsim.compiler.lanes import WIDTH
 from navsim.filter import states
 from navsim.filter.estimate import fly as fly_filter
 from navsim.filter.estimate import in_all_lanes
-from navsim.filter.measurement_kinds import FIX, RANGE, SOURCE, FixTable, Measurements
+from navsim.filter.measurement_kinds import FIX, RANGE, SOURCE, FixTable, Measurements, RangeTable
 from navsim.filter.records import (
     TIME_TOLERANCE,
     ErrorHistory,
@@ -39,6 +39,7 @@ from navsim.sensors import imu
 from navsim.sensors.beacons import Beacons
 from navsim.simulation.aiding import Aid
 from navsim.simulation.dispersed_trajectory import DispersedTrajectories
+from navsim.simulation.filter_exclusion import after_exclusion
 from navsim.simulation.flight import (
     Flight,
     exact_clock,
@@ -402,7 +403,7 @@ def _filter(flight: Flight, inputs: Inputs) -> _Filtered:
         fixes = stated_fixes(shared, fixes, inputs.stated, design.flag_sigma, inputs.flown)
     llh, velocity, _, cov = fixes
     if design.tight:
-        tables = measurements(flight, table_of_ranges(flight, watched.trusted(flight, ranges), rates), inputs.aided)
+        own: RangeTable | FixTable = table_of_ranges(flight, watched.trusted(flight, ranges), rates)
     else:
         if shared.signals.lasting_weights is not None:
             position, speed, _, cov = filter_fixes(shared, ranges, rates)
@@ -422,16 +423,26 @@ def _filter(flight: Flight, inputs: Inputs) -> _Filtered:
             made = table_of_all_fixes(flight.without(candidate), position, speed, cov)
             for all_fixes, without in zip(table[:3], made[:3], strict=True):
                 np.copyto(all_fixes, without, where=mine.reshape(len(mine), *[1] * (all_fixes.ndim - 2), -1))
-        tables = measurements(flight, table, inputs.aided)
+        own = table
+    tables = measurements(flight, own, inputs.aided)
 
-    errors = empty_error_history(
-        _truth(shared, inputs), n, flight.events.time.size, WIDTH,
-        single=n - 3 * len(states.slices(design.sensors.blocks)), innovations=flight.bank is not None,
-    )  # fmt: skip
-    start_ = initial_state(flight, nav, in_all_lanes(flight.covariance))
-    fly_filter(ImuData(shared.imu_time, inputs.dtheta, inputs.dv), tables, flight.events, start_, flight.model, errors)
+    def fly(tables: Measurements) -> ErrorHistory:
+        errors = empty_error_history(
+            _truth(shared, inputs), n, flight.events.time.size, WIDTH,
+            single=n - 3 * len(states.slices(design.sensors.blocks)), innovations=flight.bank is not None,
+        )  # fmt: skip
+        start_, imu = initial_state(flight, nav, in_all_lanes(flight.covariance)), (inputs.dtheta, inputs.dv)
+        fly_filter(ImuData(shared.imu_time, *imu), tables, flight.events, start_, flight.model, errors)
+        return errors
+
+    errors = fly(tables)
     if flight.bank is not None:
-        watched = MonitorOutput.of_filter(flight, errors, fixes, ranges, rates)
+        watched = MonitorOutput.of_filter(flight, flight.bank, errors, fixes, ranges, rates)
+        if flight.watching is not None and flight.watching.exclusion != monitoring.NO_EXCLUSION:
+            watched = after_exclusion(
+                flight, watched, errors, (fixes, ranges, rates), inputs.aided,
+                lambda aided: fly(measurements(flight, own, aided)),
+            )  # fmt: skip
     return _Filtered(nav, ranges, fixes, tables, watched, errors)
 
 

@@ -149,11 +149,16 @@ class MonitorOutput:
 
     @classmethod
     def of_filter(
-        cls, flight: Flight, errors: ErrorHistory, fixes: ReceiverFixes, ranges: np.ndarray, rates: np.ndarray
+        cls,
+        flight: Flight,
+        bank: monitoring.Bank,
+        errors: ErrorHistory,
+        fixes: ReceiverFixes,
+        ranges: np.ndarray,
+        rates: np.ndarray,
     ) -> MonitorOutput:
-        """Monitor output for a filter, from its history and its fixes from ranges and rates (e, s, W)."""
-        bank, none = flight.bank, (np.empty((0, WIDTH)), np.empty((0, 2, WIDTH)))
-        assert bank is not None
+        """Monitor output for the filter of a bank, from its history and its fixes from ranges and rates (e, s, W)."""
+        none = np.empty((0, WIDTH)), np.empty((0, 2, WIDTH))
         statistic = bank.statistic(errors.innovation, fixes, ranges, rates)
         aided = np.repeat(bank.aided[:, None], WIDTH, axis=1)
         text = monitoring.status(bank.tested, bank.threshold, statistic, aided)

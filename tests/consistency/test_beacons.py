@@ -9,7 +9,8 @@ import pytest
 from scipy.stats import chi2
 
 from navsim.compiler.lanes import WIDTH
-from navsim.integrity.monitoring import ALARM
+from navsim.integrity.monitoring import ALARM, EXCLUDED, QUIET
+from navsim.landing.integrity import tally
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.runner.executor import threads
 from navsim.simulation.landing import draw, fly_inputs
@@ -186,3 +187,25 @@ def test_a_faulty_beacon_is_an_alarm_and_stays_within_the_level() -> None:
         np.testing.assert_allclose(run.innovation_ratio[:, e], squares / chi2.isf(1e-5, degrees), rtol=1e-9)
     alone = flown.flight.bank.found.spread.separate_sigma[-1]
     assert levels[-1, 0] > 5.0 * alone[-1, 0] > 0.0
+
+
+def test_a_faulty_beacon_is_excluded_and_the_filter_without_it_takes_over() -> None:
+    """From the alarm on, runs are to the bit those of a filter that never had the beacon, within the levels of that
+    filter's own monitor. By residuals alone every beacon is as suspect: one range more than a position needs."""
+    watched = [key.replace("innovations: {window_s: 4}", "exclusion: residual") for key in WATCHED]
+    step = ", {what: step, sources: [B3], at_s: 20, error_m: 1}"
+    flown = case(*watched, NO_SATELLITES[:-1] + step + "]", "filter.gate={probability: 0}")
+    (run,) = flown.fly_runs(5, 0, WIDTH, measured=False)
+    time, status, names = flown.shared.signals.time, run.monitor_status, [c.name for c in flown.flight.candidates]
+    after, counted = time > 24.0, tally(flown, run)
+    assert (status[:, time < 20.0] == QUIET).all()
+    assert (status[:, after] == EXCLUDED).all()
+    assert (run.monitor_excluded[:, after] == names.index("B3")).all()
+    assert (counted["integrity_exclusions"][:, 1:] == 0).all(), "none but right ones"
+    assert (run.watched_error < run.monitor_level)[:, after].all()
+    (aid,) = flown.shared.aids
+    bare = replace(flown.flight, watching=None, second_order=False)
+    inputs, out = draw(bare, 5, range(WIDTH)), aid.sensor.beacon_at(aid.time) == 2
+    other = fly_inputs(bare, replace(inputs, aided=(np.where(out[:, None, None], np.nan, inputs.aided[0]),)), WIDTH)
+    for name in ("error", "sigma"):
+        np.testing.assert_array_equal(getattr(run, name)[:, 1:][:, after], getattr(other, name)[:, 1:][:, after])

@@ -268,7 +268,7 @@ def test_levels_without_runs() -> None:
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ("exclusion: residual", "integrity.exclusion"),
+        ("exclusion: rms", "integrity.exclusion"),
         ("on_alarm: drop", "integrity.on_alarm"),
         ("tails: {at_s: [5]}", "integrity.tails"),
         ("sigma_ratio_acc: 0.5", "integrity.sigma_ratio_acc"),

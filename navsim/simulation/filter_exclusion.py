@@ -1,0 +1,109 @@
+"""Exclusion by the monitor of a filter: after an alarm, a filter that never used the faulty beacons takes over.
+
+Source: `docs/theory/integrity.md`, section 10.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from navsim.compiler.lanes import WIDTH
+from navsim.filter.records import TIME_TOLERANCE, ErrorHistory
+from navsim.integrity import exclusion, monitoring
+from navsim.integrity.exclusion import NOTHING
+from navsim.integrity.fixes import ReceiverFixes
+from navsim.integrity.innovations import InnovationTest
+from navsim.sensors.beacons import Beacons
+from navsim.simulation.filter_bank import FilterBank, beacons_received
+from navsim.simulation.flight import Flight
+from navsim.simulation.run import MonitorOutput
+
+_WINDOW, _P_FA = 10.0, 1e-5
+"""Window, s, and false alarm probability of the test of innovations, where the scenario has none."""
+Fly = Callable[[Sequence[np.ndarray]], ErrorHistory]
+"""Flies the filter with these measurements (m, k, W) of sensors beside the receiver."""
+
+
+def after_exclusion(
+    flight: Flight,
+    watched: MonitorOutput,
+    errors: ErrorHistory,
+    given: tuple[ReceiverFixes, np.ndarray, np.ndarray],
+    aided: Sequence[np.ndarray],
+    fly: Fly,
+) -> MonitorOutput:
+    """Monitor output after exclusions of beacons; `errors` of runs with one change in place from the alarm on.
+
+    A candidate is excluded for the rest of the run if the filter without it is the only one with consistent
+    innovations, and agrees with filters that have fewer measurements still. given: fixes, and the ranges and rates
+    (e, s, W) that they are of.
+    """
+    bank, candidates = flight.bank, flight.candidates
+    assert isinstance(bank, FilterBank)
+    assert flight.watching is not None
+    levels = np.repeat(monitoring.tested_levels(bank)[..., None], WIDTH, axis=2)
+    nothing = np.full(watched.status.shape, float(NOTHING))
+    out = MonitorOutput(watched.statistic.copy(), watched.status.copy(), watched.error.copy(), nothing, levels)
+    alarm = watched.status == monitoring.ALARM
+    if not alarm.any() or not candidates:
+        return out
+    names = flight.watching.beacons
+    flown = [fly(_measured_without(flight, aided, names, one.sources)) for one in candidates]
+    taken = np.array([np.isin(names, one.sources) for one in candidates])
+    passes = alarm & np.array([_consistent(flight, other) for other in flown])
+    chosen = exclusion.alone(passes, exclusion.contained(taken, beacons_received(flight)))
+    for c in map(int, np.unique(chosen[chosen != NOTHING])):
+        less = bank.without(candidates[c].sources)
+        its = MonitorOutput.of_filter(flight, less, flown[c], *given)
+        begins = (chosen == c) & (its.status == monitoring.QUIET)
+        for lane in map(int, np.flatnonzero(begins.any(axis=0))):
+            epoch = int(np.argmax(begins[:, lane]))
+            if out.excluded[epoch, lane] != NOTHING:
+                continue
+            _take_over(flight, epoch, lane, errors, flown[c])
+            for name in ("statistic", "status", "error"):
+                getattr(out, name)[epoch:, ..., lane] = getattr(its, name)[epoch:, ..., lane]
+            settled = its.status[epoch:, lane] == monitoring.QUIET
+            out.status[epoch:, lane][settled] = monitoring.EXCLUDED
+            out.excluded[epoch:, lane] = c
+            out.level[epoch:, :, lane] = monitoring.tested_levels(less)[epoch:]
+    return out
+
+
+def _consistent(flight: Flight, errors: ErrorHistory) -> np.ndarray:
+    """Whether innovations of a filter are as small as their sigma says, over a window before each epoch (e, W)."""
+    assert flight.watching is not None
+    time, events = flight.shared.filter_time[1:], flight.events
+    own = np.concatenate([flight.weighed[flight.weighed >= 0],
+                          *(events.rows(aid.sensor.kind) for aid in flight.shared.aids)])  # fmt: skip
+    epoch = np.searchsorted(time, events.time[own] - TIME_TOLERANCE)
+    own, epoch = own[epoch < time.size], epoch[epoch < time.size]
+    squared, degrees = np.zeros((time.size, WIDTH)), np.zeros((time.size, WIDTH))
+    np.add.at(degrees, epoch, errors.degrees[own])
+    np.add.at(squared, epoch, np.where(errors.degrees[own] > 0, errors.innovation_squared[own], 0.0))
+    test = flight.watching.innovations or InnovationTest(_WINDOW, _P_FA)
+    return test.ratio(time, squared.T, degrees.T.astype(np.int64)).T <= 1.0
+
+
+def _measured_without(
+    flight: Flight, aided: Sequence[np.ndarray], names: Sequence[str], excluded: Sequence[str]
+) -> list[np.ndarray]:
+    """Measurements of sensors beside the receiver, nan for the ranges of the excluded beacons."""
+    return [
+        np.where(np.isin(names, excluded)[aid.sensor.beacon_at(aid.time)][:, None, None], np.nan, measured)
+        if isinstance(aid.sensor, Beacons)
+        else measured
+        for aid, measured in zip(flight.shared.aids, aided, strict=True)
+    ]
+
+
+def _take_over(flight: Flight, epoch: int, lane: int, errors: ErrorHistory, other: ErrorHistory) -> None:
+    """Overwrite the history of a run by that of another filter from an epoch on."""
+    late = flight.events.time > flight.shared.filter_time[1 + epoch]
+    of_outputs, of_events = (*errors.errors, errors.sigma, errors.cross), errors[4:]
+    for mine, new in zip(of_outputs, (*other.errors, other.sigma, other.cross), strict=True):
+        mine[1 + epoch :, ..., lane] = new[1 + epoch :, ..., lane]
+    for mine, new in zip(of_events, other[4:], strict=True):
+        mine[late, ..., lane] = new[late, ..., lane]
