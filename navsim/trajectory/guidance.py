@@ -66,6 +66,7 @@ def steered(
     - pitches: the nose follows the path.
     - way, turn: (k, 9, W), (k, 6, W), see `Departure`. The nose follows the trajectory, the bank its acceleration.
     """
+    from navsim.compiler.lanes import in_lanes
     from navsim.trajectory.autopilot_kernels import steer  # compiled code only when something is really simulated
 
     both = np.zeros((3, 5, 5))
@@ -75,7 +76,7 @@ def steered(
     gain = np.stack([channel.gain for channel in autopilot.channels])
     limits, rates = (np.array([getattr(c, name) for c in autopilot.channels]) for name in ("limit", "rate"))
     steer(
-        step, known.first, known.along_course(course), slope, gain, limits, rates,
+        step, known.first, in_lanes(known.along_course(course)), slope, gain, limits, rates,
         np.ascontiguousarray(both[:, :4, :4]), np.ascontiguousarray(both[:, :4, 4]), course.right, course.ahead,
-        course.airborne, course.slowness, pitches, way, turn,
+        course.airborne, course.slowness, pitches, in_lanes(way), in_lanes(turn),
     )  # fmt: skip
