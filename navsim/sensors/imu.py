@@ -14,6 +14,7 @@ import numpy as np
 
 from navsim.sensors import imu_errors
 from navsim.sensors.imu_errors import NOTHING, Gains, ImuErrorModel
+from navsim.statistics.random_streams import normals
 
 FAST = 3.0
 """Correlation time, s, below which a filter takes terms of flicker noise for white noise."""
@@ -98,28 +99,53 @@ class SensorErrors:
     """(2,) samples beyond the range of gyros and of accelerometers."""
 
 
+@dataclass(frozen=True)
+class ImuDraws:
+    """What is drawn for the sensors of W runs, the last of which may repeat one, whatever they measure."""
+
+    rngs: tuple[np.random.Generator, ...]
+    """Streams of the runs, whose branches further errors draw."""
+    constant: np.ndarray
+    """(6, W) constant biases, rad/s, m/s2."""
+    scale: np.ndarray
+    """(6, W) scale factor errors."""
+    normals: np.ndarray
+    """(r, k) see `noise.corrupt`."""
+
+    @classmethod
+    def of(
+        cls, rngs: tuple[np.random.Generator, ...], count: int, intervals: int, gyro: Triad, accel: Triad
+    ) -> ImuDraws:
+        """Those of the first `count` of W runs over so many intervals."""
+        constant, scale = np.zeros((6, len(rngs))), np.zeros((6, len(rngs)))
+        for lane, rng in enumerate(rngs[:count]):
+            for first, triad in ((0, gyro), (3, accel)):
+                drawn = triad.bias * rng.standard_normal(3)
+                constant[first : first + 3, lane] = drawn if triad.fixed_bias is None else triad.fixed_bias
+            for first, triad in ((0, gyro), (3, accel)):
+                if triad.scale > 0.0:
+                    scale[first : first + 3, lane] = triad.scale * rng.standard_normal(3)
+        begin = sum(3 * (triad.markov > 0.0) for triad in (gyro, accel))
+        white = sum(3 * (triad.noise_density > 0.0) for triad in (gyro, accel))
+        return cls(rngs[:count], constant, scale, normals(rngs[:count], begin + intervals * (white + begin)))
+
+
 def simulate(
     rng: np.random.Generator, dtheta: np.ndarray, dv: np.ndarray, dt: float, gyro: Triad, accel: Triad
 ) -> tuple[np.ndarray, np.ndarray, SensorErrors]:
     """Measured increments dtheta, dv (n, 3) of one run, and its errors at the start of every interval and at the end (n
     + 1, 6)."""
     every = np.arange(dtheta.shape[0] + 1)
-    out_dtheta, out_dv, errors = simulate_lanes((rng,), 1, dtheta, dv, dt, gyro, accel, every)
+    draws = ImuDraws.of((rng,), 1, dtheta.shape[0], gyro, accel)
+    out_dtheta, out_dv, errors = simulate_lanes(draws, dtheta, dv, dt, gyro, accel, every)
     fields = {name: getattr(errors, name)[..., 0] for name in SensorErrors.__dataclass_fields__}
     return out_dtheta[..., 0], out_dv[..., 0], SensorErrors(**fields)
 
 
 def simulate_lanes(
-    rngs: tuple[np.random.Generator, ...],
-    count: int,
-    dtheta: np.ndarray,
-    dv: np.ndarray,
-    dt: float,
-    gyro: Triad,
-    accel: Triad,
-    at: np.ndarray,
+    draws: ImuDraws, dtheta: np.ndarray, dv: np.ndarray, dt: float, gyro: Triad, accel: Triad, at: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, SensorErrors]:
-    """Measured increments (n, 3, W) of the first `count` of W runs, and their errors.
+    """Measured increments (n, 3, W) of as many of W runs as are drawn, and their errors.
 
     - `dtheta`, `dv`: exact increments (n, 3), or those of each run (n, 3, W).
     - `at` (o,): intervals at whose start errors are returned: bias (o, 6, W), scale (6, W) and so on.
@@ -130,17 +156,9 @@ def simulate_lanes(
         raise ValueError("biases are asked for at intervals in order, from the first to the end of the last")
     from navsim.statistics.noise import corrupt  # compiled code only when something is really simulated
 
-    lanes = len(rngs)
+    scale, lanes, count = draws.scale, draws.scale.shape[1], len(draws.rngs)
     acting = dv.reshape(dv.shape[0], 3, -1)[..., :count]
     dtheta, dv = (imu_errors.apply_bandwidth(m, dt, t.further) for m, t in ((dtheta, gyro), (dv, accel)))
-    constant, scale = np.zeros((6, lanes)), np.zeros((6, lanes))
-    for lane, rng in enumerate(rngs[:count]):
-        for first, triad in ((0, gyro), (3, accel)):
-            drawn = triad.bias * rng.standard_normal(3)
-            constant[first : first + 3, lane] = drawn if triad.fixed_bias is None else triad.fixed_bias
-        for first, triad in ((0, gyro), (3, accel)):
-            if triad.scale > 0.0:
-                scale[first : first + 3, lane] = triad.scale * rng.standard_normal(3)
     white = math.sqrt(dt) * np.array([gyro.noise_density, accel.noise_density])
     markov = np.array([gyro.markov, accel.markov])
     decay = np.exp(-dt / np.array([gyro.markov_time, accel.markov_time]))
@@ -148,12 +166,12 @@ def simulate_lanes(
     out_dtheta, out_dv = (np.empty((m.shape[0], 3, lanes)) for m in exact)
     bias = np.empty((at.size, 6, lanes))
     corrupt(
-        rngs, count, *exact, dt, constant, 1.0 + scale, white, markov, decay, at, out_dtheta, out_dv, bias
+        draws.normals, *exact, dt, draws.constant, 1.0 + scale, white, markov, decay, at, out_dtheta, out_dv, bias
     )  # fmt: skip
     errors = SensorErrors(bias, scale, np.zeros((2, 3, 3, lanes)), np.zeros((3, 3, lanes)), np.zeros((2, lanes)))
     if gyro.further.there or accel.further.there:
         felt, forced = (m[..., :count] for m in exact)
-        _go_on(rngs[:count], felt, forced, acting, dt, (gyro, accel), at, (out_dtheta, out_dv), errors)
+        _go_on(draws.rngs, felt, forced, acting, dt, (gyro, accel), at, (out_dtheta, out_dv), errors)
     return out_dtheta, out_dv, errors
 
 

@@ -61,6 +61,7 @@ from navsim.simulation.measurements import (
     draw_measurements,
     filter_fixes,
     generators,
+    range_noise,
     receiver_fixes,
     stated_fixes,
 )
@@ -102,35 +103,55 @@ class Inputs:
     """States of the fixes; None if fixes follow from the ranges."""
 
 
-def draw(flight: Flight, seed: int, runs: Sequence[int], departure: Departure | None = None) -> Inputs:
+@dataclass(frozen=True)
+class Noise:
+    """Draws of WIDTH landings that their trajectories do not change: kept while the same landings fly again."""
+
+    initial: np.ndarray
+    """See `Inputs`."""
+    sensors: imu.ImuDraws
+    ranges: np.ndarray
+    """(r, e, s, 2) see `statistics.noise.measure`."""
+
+    @classmethod
+    def of(cls, flight: Flight, seed: int, runs: Sequence[int]) -> Noise:
+        """Those of runs. Raises ValueError for more than WIDTH."""
+        if not 0 < len(runs) <= WIDTH:
+            raise ValueError(f"1 to {WIDTH} runs can fly at once, not {len(runs)}")
+        initial, shared = np.empty((states.SENSORS, WIDTH)), flight.shared
+        for lane, run in enumerate(runs):
+            initial[:, lane] = initial_errors(flight, seed, run)
+        of_imu, intervals = generators(seed, runs, "imu", WIDTH), len(shared.dtheta)
+        sensors = imu.ImuDraws.of(of_imu, len(runs), intervals, flight.gyro, flight.accel)
+        return cls(initial, sensors, range_noise(shared, seed, runs))
+
+
+def draw(
+    flight: Flight, seed: int, runs: Sequence[int], departure: Departure | None = None, noise: Noise | None = None
+) -> Inputs:
     """Inputs of at most WIDTH landings, numbered `runs`, of the ensemble of `seed`; further lanes repeat the last one.
 
     departure: their deviations from the route where these depend on what they measure; None: nothing is measured yet.
-    Raises ValueError for more.
+    noise: of these runs if it is known. Raises ValueError for more.
     """
-    if not 0 < len(runs) <= WIDTH:
-        raise ValueError(f"1 to {WIDTH} runs can fly at once, not {len(runs)}")
+    noise = Noise.of(flight, seed, runs) if noise is None else noise
     shared, design = flight.shared, flight.design
     flown = None
     if shared.ways is not None:
         flown = shared.ways.flown(shared.ways.departure(seed, runs, WIDTH) if departure is None else departure)
-    initial = np.empty((states.SENSORS, WIDTH))
     aided, aided_exact = (tuple(np.empty((*aid.exact.shape, WIDTH)) for aid in shared.aids) for _ in range(2))
-    for lane, run in enumerate(runs):
-        initial[:, lane] = initial_errors(flight, seed, run)
-        way = None if shared.ways is None or flown is None or not aided else shared.ways.of_run(flown, lane)
+    for lane, run in enumerate(runs if aided else ()):
+        way = None if shared.ways is None or flown is None else shared.ways.of_run(flown, lane)
         for aid, of_aid, exact_of_aid in zip(shared.aids, aided, aided_exact, strict=True):
             exact_of_aid[..., lane] = aid.exact_on(way)
             of_aid[..., lane] = aid.measured(seed, run, way, exact_of_aid[..., lane])
     dt = shared.imu_time[1] - shared.imu_time[0]
     exact = (shared.dtheta, shared.dv) if flown is None else (flown.dtheta, flown.dv)
-    dtheta, dv, errors = imu.simulate_lanes(
-        generators(seed, runs, "imu", WIDTH), len(runs), *exact, dt, flight.gyro, flight.accel, shared.filter_index
-    )
+    dtheta, dv, errors = imu.simulate_lanes(noise.sensors, *exact, dt, flight.gyro, flight.accel, shared.filter_index)
     true = {states.GYROS: true_values(design.sensors.blocks, errors)}
     wandered = ClockErrors.of(shared, seed, runs, WIDTH)
     correlated = correlated_errors(shared, seed, runs)
-    ranges, rates, phases = draw_measurements(shared, seed, runs, WIDTH, wandered, correlated, flown)
+    ranges, rates, phases = draw_measurements(shared, seed, runs, WIDTH, noise.ranges, wandered, correlated, flown)
     if correlated is not None:
         true[RANGE if design.tight else FIX] = _correlated_states(flight, correlated)
     true.update({aid.sensor.kind: _states_of_aid(aid, shared, seed, runs) for aid in shared.aids})
@@ -141,10 +162,10 @@ def draw(flight: Flight, seed: int, runs: Sequence[int], departure: Departure | 
     clock, sensors = _clock_states(flight, seed, runs, wandered, sensors)
     stated = None
     if shared.fix_states is not None:
-        of_states, noise = (tuple(generator(seed, run, "fix", *branch) for run in runs) for branch in ((), (1,)))
-        stated = shared.fix_states.drawn(of_states, noise, shared.signals.time, WIDTH)
+        of_states, of_noise = (tuple(generator(seed, run, "fix", *branch) for run in runs) for branch in ((), (1,)))
+        stated = shared.fix_states.drawn(of_states, of_noise, shared.signals.time, WIDTH)
     for lanes in (
-        initial,
+        noise.initial,
         dtheta,
         dv,
         sensors,
@@ -157,8 +178,9 @@ def draw(flight: Flight, seed: int, runs: Sequence[int], departure: Departure | 
     ):
         lanes[..., len(runs) :] = lanes[..., len(runs) - 1 : len(runs)]
     return Inputs(
-        initial, dtheta, dv, ranges, rates, phases, aided, aided_exact, clock, sensors, errors.clipped, flown, stated
-    )
+        noise.initial, dtheta, dv, ranges, rates, phases, aided, aided_exact, clock, sensors, errors.clipped, flown,
+        stated,
+    )  # fmt: skip
 
 
 def _correlated_states(flight: Flight, errors: np.ndarray) -> np.ndarray:
@@ -272,11 +294,13 @@ def fly_runs(
     out: list[Run] = []
     still_open: list[_OpenRun] = []
 
-    def flown(pack: Sequence[int], departure: Departure, flights: int) -> tuple[Run, np.ndarray, Departure]:
+    def flown(
+        pack: Sequence[int], noise: Noise, departure: Departure, flights: int
+    ) -> tuple[Run, np.ndarray, Departure]:
         """Runs of a pack, which of them have closed their loops, and the departures that their estimates command."""
         gap = np.full(WIDTH, np.inf)
         for last in reversed(range(flights)):
-            inputs = draw(flight, seed, pack, departure)
+            inputs = draw(flight, seed, pack, departure, noise)
             filtered = _filter(flight, inputs)
             now = _commanded(flight, seed, pack, inputs, filtered)
             # a run whose loop is closed flies the same again, whoever flies beside it
@@ -290,16 +314,17 @@ def fly_runs(
         return made, gap[: len(pack)] <= LOOP_TOLERANCE, now
 
     for number, pack in enumerate(packs):
-        known = None
+        known, noise = None, Noise.of(flight, seed, pack)
         if ways.steered and predicts is not None:
-            known = ways.known(_predicted(flight, seed, pack, predicts))
-        made, closed, now = flown(pack, ways.departure(seed, pack, WIDTH, known), TOGETHER)
+            known = ways.known(_predicted(flight, seed, pack, noise, predicts))
+        made, closed, now = flown(pack, noise, ways.departure(seed, pack, WIDTH, known), TOGETHER)
         out.append(made)
         still_open += [_OpenRun(number, i, now.lane(i), TOGETHER) for i in np.flatnonzero(~closed).tolist()]
         while len(still_open) >= WIDTH or (still_open and number == len(packs) - 1):
             now_open, still_open = still_open[:WIDTH], still_open[WIDTH:]
             pack = [packs[one.pack][one.place] for one in now_open]
-            made, closed, now = flown(pack, Departure.of_lanes([one.departure for one in now_open], WIDTH), 1)
+            departure = Departure.of_lanes([one.departure for one in now_open], WIDTH)
+            made, closed, now = flown(pack, Noise.of(flight, seed, pack), departure, 1)
             for lane, one in enumerate(now_open):
                 if closed[lane] or one.flights + 1 == MOST_FLIGHTS:
                     out[one.pack].put(one.place, made, lane)
@@ -329,10 +354,10 @@ def _commanded(flight: Flight, seed: int, runs: Sequence[int], inputs: Inputs, f
     return ways.departure(seed, runs, WIDTH, known, begin)
 
 
-def _predicted(flight: Flight, seed: int, runs: Sequence[int], linear: Linear) -> np.ndarray:
+def _predicted(flight: Flight, seed: int, runs: Sequence[int], noise: Noise, linear: Linear) -> np.ndarray:
     """First-order errors (o, 6, W) of runs, which do not depend on the trajectory: along the route."""
     along = flight.along_route
-    inputs = draw(along, seed, runs)
+    inputs = draw(along, seed, runs, None, noise)
     return linear.errors(along, inputs, smoothed(along.shared, inputs.ranges, inputs.phases))
 
 

@@ -15,14 +15,15 @@ from navsim.simulation.dispersed_trajectory import DispersedTrajectories
 from navsim.simulation.range_curvature import shifted
 from navsim.simulation.shared_truth import CARRIER_SIGMA, ClockErrors, SharedTruth, carrier, smoothed
 from navsim.statistics import noise
-from navsim.statistics.random_streams import generator
+from navsim.statistics.random_streams import generator, normals
 
 
 def measured(shared: SharedTruth, seed: int, run: int) -> tuple[np.ndarray, np.ndarray]:
     """Pseudoranges (m) and range rates (m/s) of a run on the route (e, s), nan if missing."""
     ranges, rates, phases = draw_measurements(
-        shared, seed, (run,), 1, ClockErrors.of(shared, seed, (run,), 1), correlated_errors(shared, seed, (run,)), None
-    )
+        shared, seed, (run,), 1, range_noise(shared, seed, (run,)), ClockErrors.of(shared, seed, (run,), 1),
+        correlated_errors(shared, seed, (run,)), None,
+    )  # fmt: skip
     return smoothed(shared, ranges, phases)[..., 0], rates[..., 0]
 
 
@@ -38,13 +39,14 @@ def draw_measurements(
     seed: int,
     runs: Sequence[int],
     lanes: int,
+    noises: np.ndarray,
     wandered: ClockErrors | None,
     correlated: np.ndarray | None,
     flown: DispersedTrajectories | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Pseudoranges, range rates and carrier phases of runs in the first of so many lanes, see `Inputs`.
 
-    correlated: from `correlated_errors`.
+    noises: from `range_noise`; correlated: from `correlated_errors`.
     """
     signals = shared.signals
     e, s = signals.range.shape
@@ -82,7 +84,7 @@ def draw_measurements(
         sigma = sigma * np.stack([shared.heavier.scales(rng, (e, s)) for rng in of_runs], axis=-1)
     true = (signals.range[..., None], signals.range_rate[..., None]) if flown is None else (flown.ranges, flown.rates)
     noise.measure(
-        generators(seed, runs, "measurements", lanes), len(runs), true[0], delay, sigma, true[1], signals.rate_sigma,
+        noises, true[0], delay, sigma, true[1], signals.rate_sigma,
         signals.used, shared.clock, ranges, rates,
     )  # fmt: skip
     if faster is not None:
@@ -102,6 +104,11 @@ def draw_measurements(
     if wandered is not None:
         phases += wandered.at_fixes[:, None, 0]
     return ranges, rates, phases
+
+
+def range_noise(shared: SharedTruth, seed: int, runs: Sequence[int]) -> np.ndarray:
+    """Standard normal numbers of the ranges and range rates of runs (r, e, s, 2)."""
+    return normals([generator(seed, run, "measurements") for run in runs], *shared.signals.range.shape, 2)
 
 
 def generators(seed: int, runs: Sequence[int], stream: str, lanes: int) -> tuple[np.random.Generator, ...]:

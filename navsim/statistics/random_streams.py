@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 STREAMS = {
@@ -38,3 +40,11 @@ def branch(rng: np.random.Generator, *number: int) -> np.random.Generator:
     assert isinstance(seeds, np.random.SeedSequence)
     own = np.random.SeedSequence(seeds.entropy, spawn_key=(*seeds.spawn_key, *number))
     return np.random.Generator(np.random.PCG64(own))
+
+
+def normals(rngs: Sequence[np.random.Generator], *shape: int) -> np.ndarray:
+    """Standard normal numbers (r, ...) of r streams."""
+    out = np.empty((len(rngs), *shape))
+    for rng, own in zip(rngs, out, strict=True):
+        rng.standard_normal(out=own)
+    return out

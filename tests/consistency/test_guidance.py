@@ -46,8 +46,11 @@ def motion(
     """Deviation lateral, along, up, their rates and accelerations (3, 3, samples, W)."""
     lanes = known.values.shape[2]
     way, turn, slope = np.zeros((samples, 9, lanes)), np.zeros((samples, 6, lanes)), np.zeros((2, samples))
-    slope[0] = climb
-    steered(autopilot, known, level_course(samples), slope, step, True, way, turn)
+    slope[0], course = climb, level_course(samples)
+    for own in (slice(first, first + WIDTH) for first in range(0, lanes, WIDTH)):
+        parts = [np.ascontiguousarray(m[..., own]) for m in (known.values, way, turn)]
+        steered(autopilot, GuidanceErrors(known.first, parts[0]), course, slope, step, True, *parts[1:])
+        way[..., own], turn[..., own] = parts[1:]
     np.testing.assert_allclose(turn[:, 0], 0.5 / 9.80665 * way[:, 7], atol=1e-15)  # bank
     np.testing.assert_allclose(turn[:, 2], 0.5 * 0.04 * way[:, 4], atol=1e-15)  # nose
     of_axes = way.reshape(samples, 3, 3, lanes)[:, :, [1, 0, 2]].transpose(2, 1, 0, 3)
@@ -94,7 +97,7 @@ def flown_by_numpy(known: GuidanceErrors, samples: int, climb: float) -> tuple[n
 @pytest.mark.parametrize("sigma", [0.5, 60.0])
 def test_autopilot(sigma: float, within: Within) -> None:
     """Commands from estimates alone, with and without limits, on a slope."""
-    known = drawn(900, 3, sigma)
+    known = drawn(900, WIDTH, sigma)
     expected, commands = flown_by_numpy(known, 900, -0.09)
     np.testing.assert_allclose(motion(known, 900, -0.09), expected, atol=within["value"])
     assert (np.abs(commands[:, 1]).max() == 1.5) == (sigma == 60.0)  # whether limits are reached
@@ -102,7 +105,7 @@ def test_autopilot(sigma: float, within: Within) -> None:
 
 def test_estimates_without_error_steer_to_nothing() -> None:
     """Nor does an estimate that is unknown from the start."""
-    first, values = np.array([0, 10]), np.full((2, 6, 2), np.nan)
+    first, values = np.array([0, 10]), np.full((2, 6, WIDTH), np.nan)
     values[:, :, 1] = 0.0
     assert not motion(GuidanceErrors.of(first, values), 300).any()
 
@@ -121,7 +124,7 @@ def test_an_estimate_that_is_lost_is_held() -> None:
 def test_total_errors_of_a_linear_loop(within: Within) -> None:
     """Errors of Gauss-Markov processes: position of 8 s, velocity of 3 s, in steps of the outputs. The total error in
     height lags behind the navigation error and is smaller."""
-    lanes, samples, every, step = 1500, 1200, 2, 0.05
+    lanes, samples, every, step = 1504, 1200, 2, 0.05
     first, rng = np.arange(0, samples, every), np.random.default_rng(8)
     decay = np.exp(-every * step / np.array([8.0, 8.0, 8.0, 3.0, 3.0, 3.0]))[:, None]
     sigma = np.array([2.0, 2.0, 2.0, 0.2, 0.2, 0.2])[:, None]

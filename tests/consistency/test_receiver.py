@@ -15,7 +15,7 @@ from navsim.simulation.landing_covariance import Analysis, analyse
 from navsim.simulation.measurements import measured
 from navsim.simulation.shared_truth import SharedTruth
 from navsim.statistics.noise import measure
-from navsim.statistics.random_streams import generator
+from navsim.statistics.random_streams import generator, normals
 from navsim.trajectory.kinematics import Motion
 from tests.helpers import case
 
@@ -43,7 +43,7 @@ def many_fixes(settings: tuple[str, ...], epoch: int) -> tuple[np.ndarray, np.nd
 
     ranges, rates = np.empty((2, FIXES, len(s.names), 1))
     measure(
-        (generator(1, 0, "measurements"),), 1, held(s.range[..., None]), held(s.delay[..., None]),
+        normals([generator(1, 0, "measurements")], FIXES, len(s.names), 2), held(s.range[..., None]), held(s.delay[..., None]),
         held(s.sigma[..., None]),
         held(s.range_rate[..., None]), held(s.rate_sigma), held(s.used), held(world.clock), ranges, rates,
     )  # fmt: skip
@@ -128,7 +128,7 @@ def test_position_and_velocity_beside_a_near_pseudolite() -> None:
     for run in range(400):
         ranges, rates = np.empty((2, *s.range.shape, 1))
         measure(
-            (generator(1, run, "measurements"),), 1, s.range[..., None], s.delay[..., None], s.sigma[..., None],
+            normals([generator(1, run, "measurements")], *s.range.shape, 2), s.range[..., None], s.delay[..., None], s.sigma[..., None],
             s.range_rate[..., None], s.rate_sigma, s.used, world.clock, ranges, rates,
         )  # fmt: skip
         e = s.time.size

@@ -15,6 +15,7 @@ from navsim.scenario.base import DEG, DEG_H, DEG_SQRT_H
 from navsim.scenario.imu import G
 from navsim.sensors.imu import (
     MARKOV_PEAK,
+    ImuDraws,
     SensorErrors,
     Triad,
     density_from_sample_sigma,
@@ -309,11 +310,11 @@ def test_streams_of_their_own() -> None:
 
     at = np.array([0, 700, 2000])
     whole = [replace(plain, further=what) for what in (replace(ALL, g_sensitivity=1e-4), ALL)]
-    lanes = tuple(generator(3, run, "imu") for run in range(8))
-    dtheta, dv, errors = simulate_lanes(lanes, 8, rate * DT, rate * DT, DT, *whole, at)
+    draws = ImuDraws.of(tuple(generator(3, run, "imu") for run in range(8)), 8, len(rate), *whole)
+    dtheta, dv, errors = simulate_lanes(draws, rate * DT, rate * DT, DT, *whole, at)
     # a way of each run's own, here the same to all
     own = np.repeat(rate[..., None] * DT, 8, axis=2)
-    again = simulate_lanes(tuple(generator(3, run, "imu") for run in range(8)), 8, own, own, DT, *whole, at)
+    again = simulate_lanes(draws, own, own, DT, *whole, at)
     np.testing.assert_array_equal(again[0], dtheta)
     for run in (0, 5):
         one = simulate(generator(3, run, "imu"), rate * DT, rate * DT, DT, *whole)
