@@ -47,6 +47,8 @@ class RunTrajectory:
 
     route: CachedRoute
     departure: Departure
+    """Of all lanes."""
+    lane: int
 
     @property
     def frame(self) -> Frame:
@@ -55,11 +57,12 @@ class RunTrajectory:
 
     def motion(self, t: np.ndarray) -> Motion:
         """Motion at the times t (n,), s."""
-        return deviated(self.route.motion(t), self.frame, *self.departure.at(t))
+        own = (m[..., self.lane, None] for m in self.departure.at(t))
+        return deviated(self.route.motion(t), self.frame, *own)
 
     def llh(self, t: np.ndarray) -> np.ndarray:
         """Positions at the times t (n,), s: (n, 3) rad, rad, m."""
-        off = self.departure.place(t)[..., 0] @ self.frame.axes.T
+        off = self.departure.at(t)[0][:, :3, self.lane] @ self.frame.axes.T
         return earth.llh_from_ecef(self.route.motion(t).position_ecef + off)
 
 
@@ -248,9 +251,7 @@ class Dispersion:
 
     def of_run(self, flown: DispersedTrajectories, lane: int) -> RunTrajectory:
         """Trajectory of one run."""
-        of_all, one = flown.departure, slice(lane, lane + 1)
-        own = (part[..., one] for part in (of_all.way, of_all.turn, of_all.gust))
-        return RunTrajectory(self.route, Departure(of_all.time, *own))
+        return RunTrajectory(self.route, flown.departure, lane)
 
     def _ranges(self, antenna: np.ndarray, antenna_velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """True ranges and range rates (e, s, W): those of the route, and by how much the distances differ."""

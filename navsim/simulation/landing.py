@@ -304,7 +304,8 @@ def fly_runs(
             filtered = _filter(flight, inputs)
             now = _commanded(flight, seed, pack, inputs, filtered)
             # a run whose loop is closed flies the same again, whoever flies beside it
-            new = np.abs(now.way[:, :3] - departure.way[:, :3]).max(axis=(0, 1))
+            apart = np.abs(now.way[:, :3] - departure.way[:, :3]).reshape(-1, 3 * WIDTH)
+            new = apart.max(axis=0).reshape(3, WIDTH).max(axis=0)
             gap = np.where(gap <= LOOP_TOLERANCE, gap, new)
             if last == 0 or gap.max() <= LOOP_TOLERANCE:
                 break

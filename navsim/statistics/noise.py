@@ -23,8 +23,8 @@ def corrupt(
 ):  # fmt: skip
     """Add sensor errors to exact increments, in as many lanes as there are runs.
 
-    - `normals` (r, k): standard normal numbers of runs: of Markov processes at time 0, then of each interval white noise
-      and Markov processes, gyros first; none of what has no noise.
+    - `normals` (r, k): standard normal numbers of runs: of Markov processes at time 0, then of each interval white
+      noise and Markov processes, gyros first; none for what has no noise.
     - `dtheta`, `dv` (n, 3, W), or (n, 3, 1) for all runs: rad, m/s over intervals of `dt` s.
     - `constant` (6, W): gyro, then accelerometer bias; `factor` (6, W): factor on the true rates.
     - `white` (2,): 1 sigma of the increments' noise, rad and m/s.
@@ -110,8 +110,9 @@ def measure(
 
 @kernel
 def walk(rngs, count, transition, root, which, start, out):
-    """Draw a linear process in exact steps (`statistics.linear_processes`), in the first `count` lanes. Inside a kernel a
-    Generator produces numpy's own stream.
+    """Draw a linear process in exact steps (`statistics.linear_processes`), in the first `count` lanes.
+
+    Inside a kernel a Generator produces numpy's own stream.
 
     rngs: numpy Generators, W of them. transition, root: (m, n, n) of steps; which: (k,) the step from each time to the
     next. start: (n, n) root of the covariance at the first. Out: (k + 1, n, W) states at all times.

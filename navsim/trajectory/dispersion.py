@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from navsim.compiler.lanes import in_lanes
 from navsim.geodesy import earth
 from navsim.trajectory.air import GRAVITY, Air, Deviation, through, two_lags
 from navsim.trajectory.guidance import GuidanceErrors, steered
@@ -65,42 +66,24 @@ class Departure:
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`way` and `turn` at times (m,): between samples the quintic, and the cubic, of both ends."""
-        first, s, h = self._since(time)
-        p0, v0, a0, c3, c4, c5 = self._quintic(first, h)
-        place = p0 + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5))))
-        velocity = v0 + s * (a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))
-        acceleration = a0 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))
-        (p0, v0), (p1, v1) = (np.split(self.turn[i], 2, axis=1) for i in (first, first + 1))
-        c2, c3 = (3.0 * (p1 - p0) / h - 2.0 * v0 - v1) / h, (-2.0 * (p1 - p0) / h + v0 + v1) / h**2
-        turn = p0 + s * (v0 + s * (c2 + s * c3))
-        rate = v0 + s * (2.0 * c2 + s * 3.0 * c3)
-        return np.concatenate([place, velocity, acceleration], axis=1), np.concatenate([turn, rate], axis=1)
+        from navsim.trajectory.departure_kernels import interpolate  # compiled code only when something is simulated
 
-    def place(self, time: np.ndarray) -> np.ndarray:
-        """Position (m, 3, W) at times (m,)."""
-        first, s, h = self._since(time)
-        p0, v0, a0, c3, c4, c5 = self._quintic(first, h)
-        return np.asarray(p0 + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5)))))
+        first, since, h = self._since(time)
+        way, turn = (np.empty((time.size, *m.shape[1:])) for m in (self.way, self.turn))
+        lanes = (in_lanes(m) for m in (self.way, self.turn, way, turn))
+        interpolate(first, since, np.array([h, h**2, h**3, h**4]), *lanes)
+        return way, turn
 
     def gust_at(self, time: np.ndarray) -> np.ndarray:
         """`gust` at times (m,): between samples on the straight line."""
         first, s, h = self._since(time)
-        return np.asarray(self.gust[first] + s / h * (self.gust[first + 1] - self.gust[first]))
+        return np.asarray(self.gust[first] + s[:, None, None] / h * (self.gust[first + 1] - self.gust[first]))
 
     def _since(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """The samples before times (m,), the time since them (m, 1, 1), and that between samples."""
+        """The samples before times (m,), the time since them (m,), and that between samples."""
         h = float(self.time[1] - self.time[0])
         first = np.clip(np.searchsorted(self.time, time + 1e-9, side="right") - 1, 0, self.time.size - 2)
-        return first, np.clip(time - self.time[first], 0.0, h)[:, None, None], h
-
-    def _quintic(self, first: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
-        """Place, velocity, acceleration at samples, and the three coefficients that lead to those at the next ones."""
-        (p0, v0, a0), (p1, v1, a1) = (np.split(self.way[i], 3, axis=1) for i in (first, first + 1))
-        away, b0, b1 = p1 - p0, 0.5 * h * a0, 0.5 * h * a1
-        c3 = (10.0 * away / h - 6.0 * v0 - 4.0 * v1 - 3.0 * b0 + b1) / h**2
-        c4 = (-15.0 * away / h + 8.0 * v0 + 7.0 * v1 + 3.0 * b0 - 2.0 * b1) / h**3
-        c5 = (6.0 * away / h - 3.0 * (v0 + v1) - b0 + b1) / h**4
-        return p0, v0, a0, c3, c4, c5
+        return first, np.clip(time - self.time[first], 0.0, h), h
 
 
 @dataclass(frozen=True)

@@ -258,7 +258,7 @@ def test_departures_meet_at_samples() -> None:
     """What is interpolated has the values of the samples at both ends of an interval."""
     rng = np.random.default_rng(1)
     time = 0.01 * np.arange(5)
-    departure = Departure(time, rng.standard_normal((5, 9, 2)), rng.standard_normal((5, 6, 2)), np.zeros((5, 3, 2)))
+    departure = Departure(time, *(rng.standard_normal((5, k, WIDTH)) for k in (9, 6, 3)))
     for near in (0.0, -1e-12):
         way, turn = departure.at(time[1:4] + near)
         np.testing.assert_allclose(way, departure.way[1:4], atol=1e-6)

@@ -43,8 +43,8 @@ def many_fixes(settings: tuple[str, ...], epoch: int) -> tuple[np.ndarray, np.nd
 
     ranges, rates = np.empty((2, FIXES, len(s.names), 1))
     measure(
-        normals([generator(1, 0, "measurements")], FIXES, len(s.names), 2), held(s.range[..., None]), held(s.delay[..., None]),
-        held(s.sigma[..., None]),
+        normals([generator(1, 0, "measurements")], FIXES, len(s.names), 2), held(s.range[..., None]),
+        held(s.delay[..., None]), held(s.sigma[..., None]),
         held(s.range_rate[..., None]), held(s.rate_sigma), held(s.used), held(world.clock), ranges, rates,
     )  # fmt: skip
     llh, v, clocks = np.empty((FIXES, 3)), np.empty((FIXES, 3)), np.empty((FIXES, MAX_CLOCKS))
@@ -128,8 +128,8 @@ def test_position_and_velocity_beside_a_near_pseudolite() -> None:
     for run in range(400):
         ranges, rates = np.empty((2, *s.range.shape, 1))
         measure(
-            normals([generator(1, run, "measurements")], *s.range.shape, 2), s.range[..., None], s.delay[..., None], s.sigma[..., None],
-            s.range_rate[..., None], s.rate_sigma, s.used, world.clock, ranges, rates,
+            normals([generator(1, run, "measurements")], *s.range.shape, 2), s.range[..., None], s.delay[..., None],
+            s.sigma[..., None], s.range_rate[..., None], s.rate_sigma, s.used, world.clock, ranges, rates,
         )  # fmt: skip
         e = s.time.size
         llh, v, clocks, cov = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS)), np.empty((e, 6, 6))
