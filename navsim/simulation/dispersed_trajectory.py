@@ -57,8 +57,8 @@ class RunTrajectory:
 
     def motion(self, t: np.ndarray) -> Motion:
         """Motion at the times t (n,), s."""
-        own = (m[..., self.lane, None] for m in self.departure.at(t))
-        return deviated(self.route.motion(t), self.frame, *own)
+        way, turn = (m[..., self.lane, None] for m in self.departure.at(t))
+        return deviated(self.route.motion(t), self.frame, way, turn)
 
     def llh(self, t: np.ndarray) -> np.ndarray:
         """Positions at the times t (n,), s: (n, 3) rad, rad, m."""
