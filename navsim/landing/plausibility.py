@@ -13,6 +13,7 @@ import numpy as np
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.scenario.approach import PaperApproach, SmoothApproach, WaypointApproach
 from navsim.scenario.landing import Landing
+from navsim.scenario.presets import BEACON_PRESETS, BEACON_UNVERIFIED
 from navsim.statistics.rounding import digits
 from navsim.trajectory.approach import ROLL_OUT, TOUCHDOWN
 from navsim.trajectory.kinematics import Moving, Trajectory
@@ -51,6 +52,12 @@ def _beacons(scenario: Landing) -> Iterator[str]:
     section, kind = scenario.beacons, scenario.filter.kind
     if section is None:
         return
+    key = BEACON_UNVERIFIED.get(section.preset)
+    if key is not None and getattr(section, key) == (value := BEACON_PRESETS[section.preset][key]):
+        yield (
+            f"beacons.{key}: {value:g} m of the preset {section.preset} is unverified: PX4 assumes it by default, and "
+            "nobody measured it; give the noise of your beacons"
+        )
     if kind in ("first-estimates", "observability-constrained"):
         yield (
             f"filter.kind: {kind} takes every correction by a beacon for a change of specific force, which would show "

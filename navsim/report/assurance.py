@@ -218,7 +218,7 @@ UNCHECKED: Mapping[str, Callable[[Mapping[str, Any], Result], bool]] = {
         _by_separation(scenario) and _is_set(at(scenario, "integrity", "tails"))
     ),
     "solution separation: exclusion": lambda scenario, _: (
-        _by_separation(scenario) and _is_set(at(scenario, "integrity", "exclusion"))
+        at(scenario, "integrity", "method") in ("mhss", "filter") and _is_set(at(scenario, "integrity", "exclusion"))
     ),
     "the risk behind the levels of a monitored filter": lambda scenario, _: (
         at(scenario, "integrity", "method") == "filter"

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from navsim.scenario.aiding_sensors import AidingSection, FilterAidingSection, Late
 from navsim.scenario.base import DEG, ListOf, NonNegative, Section, Sigma, Signed, Triple, reject
 from navsim.scenario.events import SpoofSection
-from navsim.scenario.presets import BEACON_PRESETS
+from navsim.scenario.presets import BEACON_LACKS, BEACON_PRESETS
 from navsim.scenario.pseudolites import Site
 from navsim.scenario.signals import ClockNoise, Gain
 from navsim.scenario.terrain import terrain_of
@@ -64,9 +64,11 @@ class BeaconsSection(AidingSection):
     """Ranging beacons on the ground: two-way time of flight, without the receiver's clock, or one-way ranges with it.
     The vehicle asks one beacon after the other. Errors are drawn for each beacon and run."""
 
-    preset: Literal["none", "uwb", "sx1280"] = "none"
-    """defaults of noise and bias, as measured; keys here replace them. none: the keys here alone. uwb: ultra-wideband
-    modules outdoors in line of sight. sx1280: LoRa ranging at 2.4 GHz, its bias alone; give sigma_m"""
+    preset: Literal["none", "uwb", "sx1280", "radio-868", "radio-915", "long-range"] = "none"
+    """defaults of noise, bias and link, which keys here replace; none: the keys here alone. Measured are uwb,
+    ultra-wideband modules outdoors in line of sight, and the bias of sx1280, LoRa ranging at 2.4 GHz, which needs
+    sigma_m. Telemetry radios, radio-868 and radio-915, have a link budget, and long-range the band of 500 to 1000 MHz.
+    Their sigma_m, 30 m, is unverified: PX4 assumes it by default. They need bias_sigma_m"""
     sites: Annotated[ListOf[Site], Field(min_length=1, max_length=50)]
     """the beacons, each with s_m and l1_m in runway axes, or with coordinates; names left out: B and a number"""
     height_m: Signed = 0.0
@@ -127,10 +129,13 @@ class BeaconsSection(AidingSection):
         if not isinstance(data, dict):
             return data
         name = str(data.get("preset"))
-        filled = {**BEACON_PRESETS.get(name, {}), **data}
-        if name in BEACON_PRESETS and "sigma_m" not in filled:
-            text = f"the preset {name} is a bias alone: give the noise of single ranges, 1 sigma"
-            raise reject(text, "sigma_m")
+        values = BEACON_PRESETS.get(name, {})
+        if data.get("range_limit_m") is not None:  # it replaces the link budget
+            values = {key: value for key, value in values.items() if key not in _LINK}
+        filled = {**values, **data}
+        if (lacks := BEACON_LACKS.get(name)) is not None and lacks not in filled:
+            what = "the noise of single ranges" if lacks == "sigma_m" else "the bias of each beacon"
+            raise reject(f"no source of the preset {name} has it: give {what}, 1 sigma", lacks)
         return filled
 
     @model_validator(mode="after")

@@ -117,13 +117,28 @@ BEACON_PRESETS: dict[str, dict[str, float]] = {
     # Indicated distances at 0, 50, ..., 250 m were 4.4, 57.6, 103, 148, 201, 253 m: 4.1 m RMS off. The noise of single
     # ranges is not in them: the scenario gives it.
     "sx1280": {"carrier_mhz": 2400.0, "bias_sigma_m": 4.1},
+    # The noise is that which PX4 assumes by default, EKF2_RNGBC_NOISE; no source has a measured one, or a bias.
+    "radio-868": {"carrier_mhz": 868.0, "eirp_dbm": 14.0, "sensitivity_dbm": -121.0, "sigma_m": 30.0},
+    "radio-915": {"carrier_mhz": 915.0, "eirp_dbm": 20.0, "sensitivity_dbm": -121.0, "sigma_m": 30.0},
+    # The middle of the band. Power and reach are not in the source.
+    "long-range": {"carrier_mhz": 750.0, "sigma_m": 30.0},
 }  # fmt: skip
 """Ranging beacons, keys of section `beacons`."""
 BEACON_SHEETS = {
     "uwb": "ultra-wideband modules outdoors: medians over 384 recordings of 90 ranges each, 2 to 61 m, line of sight",
     "sx1280": "Semtech SX1280, 2.4 GHz LoRa ranging in an open field, one pair of modules: www.loratracker.uk/?p=974",
+    "radio-868": "25 mW of end devices (doi:10.1186/s13638-019-1502-5, table 6); sensitivity of the transceiver Si1000 "
+    "(Tridgell, Building an open source telemetry radio); noise: PX4, src/modules/ekf2/params_ranging_beacon.yaml",
+    "radio-915": "power and sensitivity of the transceiver Si1000 (Tridgell, Building an open source telemetry radio); "
+    "noise: PX4, src/modules/ekf2/params_ranging_beacon.yaml",
+    "long-range": "band of 500 to 1000 MHz: github.com/ArduPilot/ardupilot/pull/33586; noise: PX4, "
+    "src/modules/ekf2/params_ranging_beacon.yaml",
 }
 """Where these numbers were seen."""
+BEACON_UNVERIFIED = dict.fromkeys(("radio-868", "radio-915", "long-range"), "sigma_m")
+"""Key of each of these presets whose value nobody measured."""
+BEACON_LACKS = {"sx1280": "sigma_m", **dict.fromkeys(BEACON_UNVERIFIED, "bias_sigma_m")}
+"""Key that a preset has no value for, and that a simulation needs."""
 
 _LIMIT = 1.959963985
 """A limit that holds for 95 % in 1 sigma, of a Gaussian error."""

@@ -345,8 +345,17 @@ def test_keys_beside_a_preset_replace_its_values() -> None:
     assert not scenario(uwb % ", growth_m: 0.5").unused()
     sx1280 = uwb.replace("uwb", "sx1280")
     assert not scenario(sx1280 % ", sigma_m: 2").unused()
-    with pytest.raises(InputError, match=r"beacons\.sigma_m: the preset sx1280 is a bias alone"):
+    with pytest.raises(InputError, match=r"beacons\.sigma_m: no source of the preset sx1280 has it"):
         scenario(sx1280 % "")
+    radio = uwb.replace("uwb", "radio-915").replace(", range_limit_m: 900", "")
+    with pytest.raises(InputError, match=r"beacons\.bias_sigma_m: no source of the preset radio-915 has it"):
+        scenario(radio % "")
+    assert scenario(radio % ", bias_sigma_m: 5").beacons.reach == pytest.approx(292e3, rel=0.01)
+    assert scenario(radio % ", bias_sigma_m: 5, range_limit_m: 900").beacons.reach == 900.0
+    for sigma, number in (("", 1), (", sigma_m: 8", 0)):
+        of = case(*BRIEF, radio % f", bias_sigma_m: 5{sigma}")
+        unverified = "beacons.sigma_m: 30 m of the preset radio-915 is unverified"
+        assert sum(text.startswith(unverified) for text in of.warnings) == number
     every = ", sigma_m: 1, bias_sigma_m: 0, growth_m: 0, growth_sigma_m: 0, growth_distance_m: 1"
     (said,) = scenario(uwb % every).unused()
     assert said.startswith("beacons.preset: uwb changes nothing")
