@@ -90,6 +90,32 @@ def forms() -> list[str]:
     ]
 
 
+STATION = (
+    "sky.source=nominal", "sky.systems=[gps]", "pseudolites.count=0", "receiver.smoothing_s=30",
+    "signals={range_sigma_m: 0.4, range_law: constant, errors: {ground_station: "
+    "{receivers: 4, accuracy_designator: C, correlation_time_s: 100}}}",
+    "integrity={comparison: {gbas: {approach_service: D}}}",
+)  # fmt: skip
+FAULTY, RECEIVER = "G14", "events=[{what: step, sources: [%s], error_m: %s, reference_receiver: 2}]"
+
+
+def station() -> list[str]:
+    lines = [
+        "## A faulty reference receiver",
+        "",
+        command(*STATION, RECEIVER % (FAULTY, 10)),
+        "",
+        f"| error of one receiver of four, {FAULTY}, m | fault-free VPL, m | VPL by B values, m | "
+        "vertical errors beyond the latter (K_md: 0.002) |",
+        "|---|---|---|---|",
+    ]
+    for error in (0, 2, 10, 30):
+        found = summary(*STATION, *((RECEIVER % (FAULTY, error),) if error else ()))["integrity"]
+        mean = [f"{found[name][0]:.2f}" for name in ("gbas_vpl", "gbas_vpl_run")]
+        lines.append(measured.row(error, *mean, share(found["gbas_exceeded_vertical"])))
+    return lines
+
+
 def exclusions() -> list[str]:
     made = {label: summary(*settings) for label, settings in EXCLUSIONS.items()}
     tested = count(made["no step"]["integrity"]["tested"])
@@ -171,7 +197,7 @@ def main() -> None:
         "",
         "`landing.yaml`, 100 runs; 95 % intervals in brackets.",
     ]
-    for section in (faults, forms, exclusions, tails):
+    for section in (faults, forms, station, exclusions, tails):
         lines += ["", *section()]
     PAGE.write(lines, begun)
 

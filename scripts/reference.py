@@ -143,7 +143,9 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "signals.errors={orbit_clock: {sigma_m: 1, correlation_time_s: 9000, mapping: none}, "
             "ionosphere: {sigma_m: 2, correlation_time_s: 1800, mapping: ionosphere}, "
             "troposphere: {sigma_m: 0.2, correlation_time_s: 1800, mapping: troposphere}, "
-            "multipath: {sigma_m: 0.5, correlation_time_s: 100, mapping: multipath}}",
+            "multipath: {sigma_m: 0.5, correlation_time_s: 100, mapping: multipath}, "
+            "ground_station: {receivers: 4, accuracy_designator: C, correlation_time_s: 100}}",
+            "events=[{what: step, sources: [gps], error_m: 2, reference_receiver: 1}]",
         )),
         ("track", ("approach.sigma_vertical_m=0.5",)),
     ),

@@ -218,7 +218,7 @@ SUBJECTS = {
     "tight": "Tight coupling, monitored filters", "smoother": "Smoother", "strapdown": "Strapdown navigation",
     "sensors": "Inertial sensors", "dop": "Dilution of precision", "single_point": "Single point",
     "pseudolites": "Pseudolites", "beacons": "Beacons", "ranging": "Recorded ranges", "integrity": "Integrity",
-    "tails": "Risk behind levels", "importance_sampling": "Importance sampling", "interference": "Interference",
+    "gbas_station": "GBAS corrections", "tails": "Risk behind levels", "importance_sampling": "Importance sampling", "interference": "Interference",
     "orbits": "Orbits", "sky": "Galileo, BeiDou, QZSS", "atmosphere": "Ionosphere and troposphere",
     "rinex": "Reading RINEX", "export": "Exported RINEX", "earth": "Coordinates and gravity", "runway": "Runway",
     "paths": "Paths", "track": "Recorded trajectories", "air": "Wind and turbulence",

@@ -38,8 +38,8 @@ class CorrelatedError:
     time: float
     mapping: Mapping
 
-    def at(self, elevation: np.ndarray) -> np.ndarray:
-        """1 sigma, m, at elevations, rad."""
+    def at(self, elevation: np.ndarray, systems: Sequence[str]) -> np.ndarray:
+        """1 sigma (e, s), m, of sources of these systems (s,), which are all alike, at elevations (e, s), rad."""
         return self.sigma * mapped(self.mapping, elevation)
 
 

@@ -73,6 +73,10 @@ class Event:
     begin: float
     end: float
     code_only: bool = False
+    receiver: int = 0
+    """Number of the reference receiver from 1 whose part of the correction is wrong; 0: the ranges themselves are."""
+    receivers: int = 1
+    """Number of reference receivers that a correction is the mean of."""
 
     def concerns(self, names: Sequence[str], systems: Sequence[str]) -> np.ndarray:
         """Which of the sources of these names and systems (s,) bool."""
@@ -172,7 +176,7 @@ def happened(events: tuple[Event, ...], scene: Scene) -> EventEffects:
         if added is None:
             silent |= on
         else:
-            ranges, rates = added
+            ranges, rates = (part / event.receivers for part in added)
             longer += np.where(on, ranges, 0.0)
             if event.code_only:
                 apart += np.where(on, ranges, 0.0)

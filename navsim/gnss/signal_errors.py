@@ -21,6 +21,7 @@ from navsim.gnss.constellations.constellation import Constellation
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.correction_link import CorrectionLink
 from navsim.gnss.correlated_errors import CorrelatedError
+from navsim.gnss.ground_accuracy import GroundStationError
 from navsim.gnss.heavy_tailed import HeavyTailedNoise
 from navsim.gnss.pseudorange import satellites_at_reception
 from navsim.gnss.sky import azimuth_elevation, enu_matrix
@@ -118,7 +119,7 @@ class Effects:
     """The receiver treats all time scales as one."""
     smoothing: float = 0.0
     """Time constant of the carrier-smoothed code, s."""
-    correlated: tuple[CorrelatedError, ...] = ()
+    correlated: tuple[CorrelatedError | GroundStationError, ...] = ()
     """Time-correlated errors of satellites in the pseudoranges that the receiver uses."""
     heavier: HeavyTailedNoise | None = None
     """Distribution of the ranging noise if it is not Gaussian."""

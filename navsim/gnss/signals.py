@@ -510,7 +510,8 @@ def _affected(
         fix_sigma, fix_rate_sigma = np.hypot(fix_sigma, of_ranges), np.hypot(rate_sigma, of_rates)
     correlated = None
     if effects.correlated:
-        sizes = np.stack([np.where(sky & used, one.at(signals.elevation), 0.0) for one in effects.correlated])
+        each = [one.at(signals.elevation, environment.systems) for one in effects.correlated]
+        sizes = np.stack([np.where(sky & used, size, 0.0) for size in each])
         correlated = CorrelatedErrors(
             tuple(one.name for one in effects.correlated), np.array([one.time for one in effects.correlated]), sizes
         )

@@ -15,6 +15,7 @@ from navsim.gnss.pseudorange import Signals
 from navsim.integrity import araim
 from navsim.integrity.araim import UP, Allocation, SeparationDistances, SeparationMonitor
 from navsim.integrity.fixes import ReceiverFixes
+from navsim.integrity.gbas_station import GbasStation
 from navsim.integrity.innovations import InnovationTest
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.solution import Independent, MonitoredFix, rows_of, solve
@@ -108,6 +109,8 @@ class Monitoring:
     """Creates the filter bank of a flight if it monitors the filter instead of the fixes."""
     beacons: tuple[str, ...] = ()
     """Names of the ranging beacons that the filter bank watches beside the sources of fixes."""
+    station: GbasStation | None = None
+    """Ground station whose B values runs draw, None without."""
 
     def expected(self, signals: Signals, share: float = 1.0) -> tuple[ExpectedFault, ...]:
         """Faults of all used sources and of beacons, and pairs of them that must be monitored with a share of the

@@ -41,12 +41,13 @@ def gbas_factors(receivers: int) -> tuple[float, float]:
     return -normal.quantile(2.5e-8 / (receivers + 1) / 2.0), -normal.quantile(2.5e-3 * receivers / (receivers + 1))
 
 
-def gbas_projection(solution: MonitoredFix, course: float, glide: float) -> np.ndarray:
-    """Effect of range errors across the track (right) and on the height above the glide path (e, 2, s).
+def gbas_projection(effect: np.ndarray, course: float, glide: float) -> np.ndarray:
+    """Effect across the track (right) and on the height above the glide path (e, 2, ...), of one on positions.
 
-    course: of the approach, rad from north; glide: glide path angle, rad.
+    effect: (e, 3, ...) east, north, up, as the estimator of fixes; course: of the approach, rad from north; glide:
+    glide path angle, rad.
     """
-    east, north, up = (solution.estimator[:, i] for i in range(3))
+    east, north, up = (effect[:, i] for i in range(3))
     along, across = (
         east * math.sin(course) + north * math.cos(course),
         east * math.cos(course) - north * math.sin(course),
@@ -54,17 +55,23 @@ def gbas_projection(solution: MonitoredFix, course: float, glide: float) -> np.n
     return np.stack([across, up + along * math.tan(glide)], axis=1)
 
 
+def effect_of_b(projection: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Size of the effect (e, 2, ...), m, of B values b (e, s, ...), m; projection: (e, 2, s)."""
+    return np.abs((projection.reshape(*projection.shape, *(1,) * (b.ndim - 2)) * b[:, None]).sum(axis=2))
+
+
 def gbas(
-    projection: np.ndarray, sigma: np.ndarray, ground: np.ndarray, b: np.ndarray, receivers: int,
+    projection: np.ndarray, sigma: np.ndarray, ground: np.ndarray, off: np.ndarray, receivers: int,
     factors: tuple[float, float],
 ) -> np.ndarray:  # fmt: skip
-    """Lateral and vertical levels (e, 2, 2), m, for fault-free reference receivers, and for the faulty one.
+    """Lateral and vertical levels (e, 2, 2, ...), m, for fault-free reference receivers, and for the faulty one.
 
     - `projection` (e, 2, s); `sigma`, `ground` (e, s): of ranges and of the ground's part, m.
-    - `b` (e, s): B values of the faulty receiver, m; `factors`: K_ffmd and K_md.
+    - `off` (e, 2, ...): from `effect_of_b`, of the faulty receiver, m; `factors`: K_ffmd and K_md.
     """
     free, missed = factors
-    without = free * np.sqrt(((projection * sigma[:, None]) ** 2).sum(axis=2))
     variance = sigma**2 + ground**2 / (receivers - 1)  # the ground's with a receiver less
-    off = np.abs((projection * b[:, None]).sum(axis=2))
-    return np.stack([without, off + missed * np.sqrt((projection**2 * variance[:, None]).sum(axis=2))], axis=2)
+    without = free * np.sqrt(((projection * sigma[:, None]) ** 2).sum(axis=2))
+    noise = missed * np.sqrt((projection**2 * variance[:, None]).sum(axis=2))
+    without, noise = (each.reshape(*each.shape, *(1,) * (off.ndim - 2)) for each in (without, noise))
+    return np.stack([np.broadcast_to(without, off.shape), off + noise], axis=2)

@@ -19,6 +19,7 @@ from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.geodesy.attitude import rpy_error, rpy_jacobian
 from navsim.geodesy.indicator import aircraft_and_estimate
 from navsim.gnss.dop import MAX_CLOCKS
+from navsim.integrity.gbas_station import HISTORY
 from navsim.integrity.monitoring import ALARM
 from navsim.landing import fix_states, integrity, total_errors
 from navsim.landing.case import MOVING, Case, crossing_times, rms_window
@@ -65,6 +66,7 @@ HISTORIES = {
         "innovation_ratio",
         "monitor_excluded",
         "monitor_level",
+        "station",
         "deviation",
     ),
     "all": tuple(name for name in Run.__dataclass_fields__ if name not in _NO_HISTORY),
@@ -80,6 +82,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "aided_squared": ("aided",), "aided_degrees": ("aided",),
     "aided_status": ("aided",), "monitor_statistic": ("watched",), "monitor_status": ("watched",),
     "watched_error": ("watched", 2), "monitor_excluded": ("settled",), "monitor_level": ("settled", 2),
+    "station": ("served", len(HISTORY)),
     "innovation_ratio": ("tried",), "deviation": ("deviating", 3), "attitude": ("deviating", 3),
     "antenna": ("met", 3), "gust": ("deviating", 3), "delta_angle": ("sample", 3), "delta_velocity": ("sample", 3),
     "start_llh": (3,), "start_velocity": (3,), "start_rpy": (3,),

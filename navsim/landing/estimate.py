@@ -93,6 +93,8 @@ class Extent:
     """Signals that interfere with the sources', None without interference."""
     single: int = 0
     """States other than the clock's that belong to no group of three."""
+    served: int = 0
+    """Fixes with drawn B values of a ground station."""
 
     def sizes(self) -> dict[str, int]:
         """Sizes of the dimensions of a run's histories."""
@@ -100,7 +102,7 @@ class Extent:
         return {
             "epoch": self.epochs, "output": self.epochs + 1, "source": self.sources, "state": self.states,
             "group": (self.states - of_clock - self.single) // 3, "aided": self.aided, "watched": self.watched,
-            "settled": self.settled,
+            "settled": self.settled, "served": self.served,
             "ranged": self.ranged, "loose": 0 if self.ranged else self.epochs,
             "tried": self.tried,
             "limited": self.limited, "sample": self.samples, "linear": 0, "steered": int(self.steered),
@@ -149,6 +151,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
         (correlated if scenario.filter.tight else 0)
         + scenario.transmitter_states
         + sum(size for size in of_aids if size < 3),
+        fixes if scenario.draws_b_values else 0,
     )  # fmt: skip
 
 
@@ -278,6 +281,7 @@ def _stored(sizes: Extent, keep: str) -> float:
     errors = (
         of("error", "sigma", "nees", "nees_position_velocity", "innovation_squared", "aided_squared")
         + of("deviation", "monitor_statistic", "watched_error", "monitor_level", "innovation_ratio")
+        + of("station")
         + sizes.epochs
         + sizes.aided
         + sizes.watched

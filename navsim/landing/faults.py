@@ -6,9 +6,11 @@ import numpy as np
 
 from navsim.gnss.signals import Environment
 from navsim.integrity.araim import Allocation
+from navsim.integrity.gbas_station import GbasStation
 from navsim.integrity.innovations import InnovationTest
 from navsim.integrity.monitoring import ExpectedFault, Monitoring
 from navsim.integrity.residuals import ChiSquareTest
+from navsim.scenario.base import DEG
 from navsim.scenario.integrity import GroundGroup, IntegritySection, transmitter_prior
 from navsim.scenario.landing import Landing
 from navsim.simulation.filter_bank import FilterBank
@@ -30,7 +32,10 @@ def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
     innovations = None if asked is None else InnovationTest(asked.window_s, asked.p_fa)
     if section.method == "chi2":
         test = ChiSquareTest(section.p_fa, section.p_md)
-        return Monitoring(test, (), nominal, section.sigma_ratio_acc, section.exclusion, drops, innovations)
+        return Monitoring(
+            test, (), nominal, section.sigma_ratio_acc, section.exclusion, drops, innovations,
+            station=_station(scenario, sources),
+        )  # fmt: skip
     faults = [ExpectedFault(name, (name,), section.p_satellite) for members in systems.values() for name in members]
     faults += [ExpectedFault(name, (name,), transmitter_prior(section.p_pseudolite)) for name in names]
     faults += [ExpectedFault(name, (name,), transmitter_prior(section.p_beacon)) for name in beacons]
@@ -46,6 +51,20 @@ def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
         ),
         tuple(fault for fault in faults if fault.prior > 0.0), nominal, section.sigma_ratio_acc, section.exclusion,
         drops, innovations, FilterBank.of if of_filter else None, beacons,
+        _station(scenario, sources),
+    )  # fmt: skip
+
+
+def _station(scenario: Landing, sources: Environment) -> GbasStation | None:
+    """Ground station whose B values runs draw, None without."""
+    asked, ground = scenario.integrity, scenario.signals.errors.ground_station
+    section = None if asked is None or asked.comparison is None else asked.comparison.gbas
+    if section is None or not section.drawn:
+        return None
+    assert ground is not None
+    return GbasStation(
+        ground.model(), tuple(event for event in sources.events if event.receiver), scenario.runway.heading_deg * DEG,
+        scenario.glide_path(), section.approach_service == "D", dict(zip(sources.names, sources.systems, strict=True)),
     )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from navsim.gnss.events import BEACONS, Event, Silence
 from navsim.integrity import sbas_gbas
 from navsim.integrity.araim import SeparationDistances
 from navsim.integrity.exclusion import NOTHING
+from navsim.integrity.gbas_station import ERRORS, LEVELS
 from navsim.integrity.monitoring import (
     ALARM,
     EXCLUDED,
@@ -170,6 +171,11 @@ def tally(case: Case, runs: Run) -> Arrays:
         "integrity_alarms": (status == ALARM).sum(axis=1),
         "integrity_lost": (status == NO_FIX).sum(axis=1),
     }
+    if case.flight.station is not None:
+        own, error = (runs.station[:, glide, part] for part in (LEVELS, ERRORS))
+        out["integrity_station_fixes"] = np.isfinite(own[..., 0]).sum(axis=1)
+        out["integrity_station_level"] = np.nansum(own, axis=1)
+        out["integrity_station_exceeded"] = (error > own).sum(axis=1)
     if watches_innovations(case):
         out["integrity_innovations"] = (runs.innovation_ratio[:, glide] > 1.0).sum(axis=1)
     levels = tested_levels(monitor)[None]
@@ -353,14 +359,18 @@ def compared(draft: ResultBuilder, case: Case) -> None:
     if section.comparison.sbas:
         levels = sbas_gbas.sbas(fix)
         found = {"sbas_hpl": levels[:, 0], "sbas_vpl": levels[:, 1]}
-    if station is not None:
-        projection = sbas_gbas.gbas_projection(fix, scenario.runway.heading_deg * DEG, scenario.glide_path())
+    if case.flight.station is not None:
+        found |= dict(zip(("gbas_lpl", "gbas_vpl"), case.flight.station.fault_free().T, strict=True))
+    elif station is not None and station.receivers is not None:
+        projection = sbas_gbas.gbas_projection(fix.estimator, scenario.runway.heading_deg * DEG, scenario.glide_path())
         sigma = np.where(signals.used, signals.fix_sigma, 0.0)
         ground, b = (np.full(sigma.shape, value) for value in (station.ground_sigma_m, station.b_m))
         # B values times the sizes of the effect of each range add up to the worst case
+        projection = np.abs(projection)
         levels = sbas_gbas.gbas(
-            np.abs(projection), sigma, ground, b, station.receivers, sbas_gbas.gbas_factors(station.receivers)
-        ).max(axis=2)
+            projection, sigma, ground, sbas_gbas.effect_of_b(projection, b), station.receivers,
+            sbas_gbas.gbas_factors(station.receivers),
+        ).max(axis=2)  # fmt: skip
         levels[~fix.solved] = np.nan
         found |= {"gbas_lpl": levels[:, 0], "gbas_vpl": levels[:, 1]}
     glide = glide_of(case)
@@ -410,6 +420,12 @@ def counted(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     for i, name in enumerate(("horizontal", "vertical")):
         exceeded = share_over_runs(ensemble.per_run("integrity_exceeded")[:, i], tested)
         draft[f"{branch}/exceeded_{name}"] = exceeded if levelled[i] else np.full(3, np.nan)
+    if case.flight.station is not None:
+        fixes, levels = ensemble.per_run("integrity_station_fixes"), ensemble.per_run("integrity_station_level")
+        exceeded = ensemble.per_run("integrity_station_exceeded")
+        for i, (axis, name) in enumerate((("lateral", "lpl"), ("vertical", "vpl"))):
+            draft[f"{branch}/gbas_{name}_run"] = _numbers(levels[fixes > 0, i] / fixes[fixes > 0])
+            draft[f"{branch}/gbas_exceeded_{axis}"] = share_over_runs(exceeded[:, i], fixes)
     if watches_innovations(case):
         found, glide = ensemble.per_run("integrity_innovations"), int(glide_of(case).sum())
         draft[f"{branch}/innovation_alarms"] = np.int64(found.sum())

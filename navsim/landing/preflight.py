@@ -276,7 +276,7 @@ class PreflightChecks:
         """Check that the ground reflection is only a part of a range."""
         section, signals = self.scenario.integrity, self.signals
         station = None if section is None or section.comparison is None else section.comparison.gbas
-        if station is None or not signals.used.any():
+        if station is None or station.ground_sigma_m is None or not signals.used.any():
             return
         least = float(signals.fix_sigma[signals.used].min())
         if station.ground_sigma_m > least:

@@ -10,6 +10,7 @@ from navsim.filter import states
 from navsim.filter.measurement_kinds import FIX
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.gnss.constellations.systems import CLOCKS
+from navsim.integrity.gbas_station import DIFFERENCES, HISTORY
 from navsim.landing import integrity, requirements, risk_sampling
 from navsim.landing.case import MOVING, PERCENTILES, Case, rms_window
 from navsim.landing.consistency import put_consistency, ratios_of_runs, shares_beyond
@@ -178,6 +179,10 @@ def _watched(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
         draft[f"/integrity/error_{name}"] = _history(ensemble, "watched_error", lambda block, i=i: block[..., i])  # type: ignore[misc]
     if integrity.watches_innovations(case):
         draft["/integrity/innovation_ratio"] = _history(ensemble, "innovation_ratio")
+    if (station := case.flight.station) is not None:
+        stored = len(HISTORY) if station.station.two_smoothings else DIFFERENCES.start
+        for i, name in enumerate(HISTORY[:stored]):
+            draft[f"/integrity/{name}"] = _history(ensemble, "station", lambda block, i=i: block[..., i])  # type: ignore[misc]
     if not integrity.excludes(case):
         return
     draft["/integrity/excluded"] = _history(ensemble, "monitor_excluded", lambda block: block.astype(np.int16))

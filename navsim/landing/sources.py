@@ -6,6 +6,7 @@ It neither compiles nor loads kernels, so that `navsim validate` reads files in 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,14 @@ from navsim.geodesy.attitude import dcm_from_rpy
 from navsim.geodesy.earth import STANDARD_GRAVITY
 from navsim.gnss.constellations.systems import CLOCKS, SYSTEMS
 from navsim.gnss.events import BEACONS, EVERY, PSEUDOLITES
+from navsim.gnss.ground_accuracy import TABLES
 from navsim.gnss.signals import Environment, Satellites, time_scales
 from navsim.landing.satellites import horizon_of, read_satellites
 from navsim.landing.terrain import check_ground, with_heights
 from navsim.results import files
 from navsim.scenario.approach import FileApproach, TrackApproach
 from navsim.scenario.base import DEG, KeyedError, hint
+from navsim.scenario.events import RangeSection
 from navsim.scenario.landing import Landing
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario.source import Document, InputError, Problem, dotted
@@ -204,6 +207,8 @@ def environment(
     lever_arm, jammed = np.array(scenario.receiver.lever_arm_m), scenario.interference
     scenario, about_heights = with_heights(scenario, document, trajectory.frame)
     terrain = scenario.terrain_around(trajectory.frame)
+    ground = scenario.signals.errors.ground_station
+    receivers = 1 if ground is None else ground.receivers
     warnings += about_heights + check_ground(scenario, document, trajectory, terrain)
     sources = Environment(
         satellites,
@@ -213,7 +218,7 @@ def environment(
         scenario.signals.law(),
         lever_arm,
         scenario.effects(pseudolites),
-        tuple(event.model() for event in scenario.events),
+        tuple(replace(one, receivers=receivers if one.receiver else 1) for one in (e.model() for e in scenario.events)),
         None
         if jammed is None
         else jammed.model(scenario.threshold(trajectory.frame), scenario.signals.tracking, scenario.receiver, terrain),
@@ -238,11 +243,14 @@ def environment(
 
 
 def _check_events(scenario: Landing, document: Document, sources: Environment) -> None:
-    """Raise InputError for sources of events that are none."""
+    """Raise InputError for sources of events that are none, and for satellites that a ground station corrects and has
+    no table of errors for."""
     known = {EVERY, PSEUDOLITES, *sources.systems, *sources.pseudolites.names}
     known |= {name for group in sources.satellites for name in group.names}
     known |= set(() if sources.listed is None else sources.listed.names)
     known |= set() if scenario.beacons is None else {BEACONS, *scenario.beacons.names()}
+    unserved = {EVERY, PSEUDOLITES, *sources.pseudolites.names}
+    unserved |= set() if scenario.beacons is None else {BEACONS, *scenario.beacons.names()}
     problems = []
     for i, event in enumerate(scenario.events):
         for j, name in enumerate(event.sources):
@@ -250,6 +258,15 @@ def _check_events(scenario: Landing, document: Document, sources: Environment) -
                 path = ("events", i, "sources", j)
                 text = f"{name!r} is not a source; {hint(name, sorted(known))}"
                 problems.append(Problem(document.place(path), dotted(path), text))
+            elif name in unserved and isinstance(event, RangeSection) and event.reference_receiver is not None:
+                path = ("events", i, "sources", j)
+                text = f"reference receivers measure satellites: name some, or their system, not {name!r}"
+                problems.append(Problem(document.place(path), dotted(path), text))
+    if scenario.signals.errors.ground_station is not None:
+        section = ("signals", "errors", "ground_station")
+        others = sorted({*sources.systems} - {PSEUDOLITES, *TABLES})
+        text = f"is for {' and '.join(TABLES)}, and the sky has {', '.join(others)}: leave that out of sky.systems"
+        problems += [Problem(document.place(section), dotted(section), text)] if others else []
     if problems:
         raise InputError(problems)
 

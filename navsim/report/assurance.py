@@ -159,7 +159,7 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
     ),
     "protection levels of augmentation systems, alert limits": (
         "SBAS protection levels", "GBAS factors", "GBAS protection levels", "alert limits of operations",
-        "growth of GBAS alert limits",
+        "growth of GBAS alert limits", "ground accuracy designators", "GBAS levels by drawn B values, D_L and D_V",
         "regions of a Stanford diagram", "numbers of sources for detection and exclusion",
     ),
     "interference": (

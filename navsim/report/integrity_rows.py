@@ -116,6 +116,11 @@ def integrity_rows(table: Table, results: list[tuple[str, Result]]) -> None:
         if any(f"/summary/integrity/{form}_vpl" in result for _, result in results):
             for name in names:
                 row(f"{name.upper()} by the form of {form.upper()}", partial(_compared, name=f"{form}_{name}"))
+    if any("/summary/integrity/gbas_vpl_run" in result for _, result in results):
+        for name in ("lpl", "vpl"):
+            row(f"{name.upper()} by B values, mean of a run", partial(_compared, name=f"gbas_{name}_run"))
+        for axis in ("lateral", "vertical"):
+            row(f"{axis} error beyond it", partial(share_cell, path=f"/summary/integrity/gbas_exceeded_{axis}"))
     row("share of epochs with levels", _level_share)
     if any(_priors(result) != ABSENT for _, result in results):
         row("prior: satellite, system, pseudolite", _priors)

@@ -60,7 +60,7 @@ def ranging_errors(result: Result) -> str:
     signals, pseudolites, receiver = (setting(result, section) for section in ("signals", "pseudolites", "receiver"))
     if "errors" not in signals:  # of an earlier version
         return ABSENT
-    values = [kind["sigma_m"] for kind in signals["errors"].values() if kind]
+    values = [kind.get("sigma_m", True) for kind in signals["errors"].values() if kind]
     values += [signals.get(key) for key in _DELAYING]
     if pseudolites["count"] or pseudolites["sites"]:
         values += [pseudolites.get(key) for key in _OF_PSEUDOLITES]

@@ -773,6 +773,8 @@ _ASKED = f"{_WATCHED} with limits"
 _SAMPLED = f"{_WATCHED} with tails"
 _EXCLUDING = f"{_WATCHED} with exclusion"
 _COMPARED_SBAS, _COMPARED_GBAS = (f"{_WATCHED} with comparison.{form}" for form in ("sbas", "gbas"))
+_DRAWN_B = f"{_COMPARED_GBAS} and drawn B values"
+_DRAWN_B_KEPT = f"{_DRAWN_B}, {_KEPT}"
 _TRIED = f"{_WATCHED} with innovations"
 _TRIED_KEPT = f"{_TRIED}, {_KEPT}"
 _EXCLUDING_KEPT = f"{_EXCLUDING}, {_KEPT}"
@@ -792,8 +794,18 @@ _INTEGRITY = Chapter(
         _a("/integrity/sbas_{level}", "time", "m", "{LEVEL} that the form of SBAS gives the fix from all that is used; "
            "nan without a fix", _FLOWN, when=_COMPARED_SBAS, level=("hpl", "vpl")),
         _a("/integrity/gbas_{level}", "time", "m", "{LEVEL} that the form of GBAS gives it, the larger with and "
-           "without a faulty reference receiver; across the track (lpl) and over the glide path (vpl)", _FLOWN,
-           when=_COMPARED_GBAS, level=("lpl", "vpl")),
+           "without a faulty reference receiver; across the track (lpl) and over the glide path (vpl). With drawn B "
+           "values: without", _FLOWN, when=_COMPARED_GBAS, level=("lpl", "vpl")),
+        _a("/integrity/gbas_{level}_run", "run time", "m", "{LEVEL} by the B values of the run, the larger with and "
+           "without a faulty reference receiver, with D_L or D_V for GAST D; nan without a fix", LANDING,
+           when=_DRAWN_B_KEPT, level=("lpl", "vpl")),
+        _a("/integrity/gbas_error_{axis}", "run time", "m", "size of the error of the fix that this level is of",
+           LANDING, when=_DRAWN_B_KEPT, axis=("lateral", "vertical")),
+        _a("/integrity/gbas_b_{axis}", "run time", "m", "largest effect of the B values of a reference receiver on the "
+           "fix", LANDING, when=_DRAWN_B_KEPT, axis=("lateral", "vertical")),
+        _a("/integrity/gbas_d_{axis}", "run time", "m", "size of the difference between positions from ranges smoothed "
+           "over 30 s and over 100 s, D_L or D_V", LANDING, when=f"{_DRAWN_B_KEPT}, of GAST D",
+           axis=("lateral", "vertical")),
         _a("/integrity/sigma_vertical", "time", "m", "fault-free 1 sigma of the vertical error of the fix, or the "
            "filter; nan without one", _FLOWN, when=_WATCHED),
         _a("/integrity/threshold", "time", "1", "largest statistic without an alarm", _FLOWN, when=_WATCHED),
@@ -849,6 +861,10 @@ _INTEGRITY = Chapter(
            when=_COMPARED_SBAS, level=("hpl", "vpl")),
         _a("/summary/integrity/gbas_{level}", "statistic", "m", "{LEVEL} on the glide by the form of GBAS", _FLOWN,
            when=_COMPARED_GBAS, level=("lpl", "vpl")),
+        _a("/summary/integrity/gbas_{level}_run", "statistic", "m", "mean {LEVEL} on the glide of each run, by its "
+           "B values", LANDING, when=_DRAWN_B, level=("lpl", "vpl")),
+        _a("/summary/integrity/gbas_exceeded_{axis}", "interval", "1", "share of fixes on the glide whose {axis} error "
+           "exceeds the level by B values", LANDING, when=_DRAWN_B, axis=("lateral", "vertical")),
         _a("/summary/integrity/level_share", "", "1", "share of the epochs of the glide with protection levels", _FLOWN,
            when=_WATCHED),
         _a("/summary/integrity/hal", "", "m", "horizontal alert limit, inf for none; the smallest on the glide", _FLOWN,

@@ -67,11 +67,14 @@ class RangeSection(EventSection):
 
     code_only: bool = False
     """whether it is an error of the code alone: range rates and carriers have none"""
+    reference_receiver: Annotated[int, Field(ge=1, le=4)] | None = None
+    """number of the reference receiver of signals.errors.ground_station that has the error: ranges have its share of
+    the mean; null: the ranges themselves have it"""
 
     def model(self) -> Event:
         from dataclasses import replace
 
-        return replace(super().model(), code_only=self.code_only)
+        return replace(super().model(), code_only=self.code_only, receiver=self.reference_receiver or 0)
 
 
 class StepSection(RangeSection):

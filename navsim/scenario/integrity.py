@@ -46,6 +46,10 @@ TIMES_TO_ALERT: dict[Operation, float] = {
 """Times to alert of these operations, s, from the same sources."""
 
 
+SMOOTHING_D = 30.0
+"""Time constant, s, of the carrier smoothing of the position that guides by GAST D."""
+
+
 class LimitsSection(Section):
     """Limits of position errors and protection levels, and time to alert."""
 
@@ -125,16 +129,35 @@ class HeavyTailedSection(Section):
 
 
 class GroundStationSection(Section):
-    """The ground station that the form of GBAS is of."""
+    """The ground station that the form of GBAS is of: by bounds of its errors, or the one of
+    signals.errors.ground_station, whose B values each run draws."""
 
-    receivers: Annotated[int, Field(ge=2, le=4)]
-    """number of reference receivers"""
-    ground_sigma_m: Annotated[float, Field(ge=0.0, le=100.0)]
+    receivers: Annotated[int, Field(ge=2, le=4)] | None = None
+    """number of reference receivers; null, like the next two: that of signals.errors.ground_station"""
+    ground_sigma_m: Annotated[float, Field(ge=0.0, le=100.0)] | None = None
     """1 sigma of the ground station's part of each range error, at most the least sigma of the ranges"""
-    b_m: Bias
+    b_m: Bias | None = None
     """bound of the B values of each range, taken with the signs that hurt most"""
     glide_path_deg: Annotated[float, Field(ge=0.5, le=15.0)] | None = None
     """glide path angle of the form; null: approach.glide_slope_deg"""
+    approach_service: Literal["C", "D"] = "C"
+    """GBAS approach service type (GAST). D adds D_L and D_V, the differences between positions from ranges smoothed
+    over 30 s and over 100 s, and is for drawn B values"""
+
+    @model_validator(mode="after")
+    def _bounded(self) -> Self:
+        bounds = {name: getattr(self, name) for name in ("receivers", "ground_sigma_m", "b_m")}
+        missing = [name for name, value in bounds.items() if value is None]
+        if 0 < len(missing) < len(bounds):
+            raise reject("is missing: give all three of receivers, ground_sigma_m and b_m, or none", missing[0])
+        if not missing and self.approach_service == "D":
+            raise reject("is for drawn B values: leave receivers, ground_sigma_m and b_m out", "approach_service")
+        return self
+
+    @property
+    def drawn(self) -> bool:
+        """Whether each run draws the B values."""
+        return self.receivers is None
 
 
 class ComparisonSection(Section):

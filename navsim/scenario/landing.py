@@ -48,13 +48,13 @@ from navsim.scenario.base import (
 )
 from navsim.scenario.beacons import BeaconsSection
 from navsim.scenario.box import BoxSection
-from navsim.scenario.events import AnyEvent
+from navsim.scenario.events import AnyEvent, RangeSection
 from navsim.scenario.filter import SMOOTHERS, FilterSection
 from navsim.scenario.ground_stations import AzimuthStationSection, DmeSection, ElevationStationSection, StationSection
 from navsim.scenario.idle_keys import idle_keys
 from navsim.scenario.imu import Accelerometer, Gyro, Imu, assumed_sensor
 from navsim.scenario.initial_errors import InitialErrorsSection
-from navsim.scenario.integrity import IntegritySection
+from navsim.scenario.integrity import SMOOTHING_D, IntegritySection
 from navsim.scenario.interference import InterferenceSection
 from navsim.scenario.pseudolites import PseudolitesSection
 from navsim.scenario.requirements import AnyRequirement
@@ -221,6 +221,12 @@ class Landing(Section):
             if station is not None and station.glide_path_deg is None and isinstance(self.approach, FileApproach):
                 text = "a recorded flight defines no glide slope: give the angle"
                 raise reject(text, "integrity", "comparison", "gbas", "glide_path_deg")
+            if station is not None and station.drawn and self.signals.errors.ground_station is None:
+                text = "draws B values of signals.errors.ground_station: give it, or receivers, ground_sigma_m and b_m"
+                raise reject(text, "integrity", "comparison", "gbas")
+            if station is not None and station.approach_service == "D" and self.receiver.smoothing_s != SMOOTHING_D:
+                text = f"guides by ranges smoothed over {SMOOTHING_D:g} s: give receiver.smoothing_s: {SMOOTHING_D:g}"
+                raise reject(text, "integrity", "comparison", "gbas", "approach_service")
             for i, at in enumerate(() if self.integrity.tails is None else self.integrity.tails.at_s):
                 if at > self.duration_s:
                     text = f"is not within duration_s, {self.duration_s:g} s"
@@ -257,6 +263,12 @@ class Landing(Section):
         for i, event in enumerate(self.events):
             if event.at_s >= self.duration_s:
                 raise reject(f"is not within duration_s, {self.duration_s:g} s", "events", i, "at_s")
+            if isinstance(event, RangeSection) and event.reference_receiver is not None:
+                serving = self.signals.errors.ground_station
+                receivers = 0 if serving is None else serving.receivers
+                if event.reference_receiver > receivers:
+                    text = f"is none of the {receivers} reference receivers of signals.errors.ground_station"
+                    raise reject(text, "events", i, "reference_receiver")
         if isinstance(self.approach, STurn) and self.duration_s > S_TURN_LASTS:
             raise reject(f"turns of `profile: s-turn` last {S_TURN_LASTS:g} s; give no more", "duration_s")
         if self.duration_s * self.imu.rate_hz < 2.0:
@@ -370,6 +382,12 @@ class Landing(Section):
         """The filter's handling of the errors of pseudolites that are drawn; with exclusion fixes have other errors
         than states would follow."""
         return self.filter.fix_errors or ("inflate" if self._excludes_fixes else self.about_correlated_errors())
+
+    @property
+    def draws_b_values(self) -> bool:
+        """Whether each run draws the B values of a ground station."""
+        section = None if self.integrity is None else self.integrity.comparison
+        return section is not None and section.gbas is not None and section.gbas.drawn
 
     def correlated_states(self, sources: int) -> int:
         """Number of states for time-correlated errors of fixes, or of the ranges of so many sources."""

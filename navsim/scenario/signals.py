@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from navsim.gnss.antenna import AircraftAntenna
     from navsim.gnss.correlated_errors import CorrelatedError, Mapping
     from navsim.gnss.dll import CodeLoop, GroundReflection
+    from navsim.gnss.ground_accuracy import GroundStationError
     from navsim.gnss.receiver import Receiver
     from navsim.gnss.signals import ErrorLaw
 
@@ -106,6 +107,23 @@ class CorrelatedErrorSection(Section):
     omitted: by its name, orbits and clocks none"""
 
 
+class GroundStationErrorSection(Section):
+    """Errors of a GBAS ground station's corrections, as large as ICAO Annex 10 allows (tables B-74 and B-75)."""
+
+    receivers: Annotated[int, Field(ge=2, le=4)]
+    """number of reference receivers, whose mean is the correction"""
+    accuracy_designator: Literal["A", "B", "C"]
+    """ground accuracy designator (GAD)"""
+    correlation_time_s: CorrelationTime
+    """correlation time, for which no standard has a value"""
+
+    def model(self) -> GroundStationError:
+        """The errors of the corrections."""
+        from navsim.gnss.ground_accuracy import GroundStationError
+
+        return GroundStationError(self.receivers, self.accuracy_designator, self.correlation_time_s)
+
+
 class CorrelatedErrorsSection(Section):
     """Time-correlated errors of satellites in the pseudoranges that the receiver uses; omitted kinds are absent, except
     the preset's."""
@@ -118,22 +136,24 @@ class CorrelatedErrorsSection(Section):
     """residual errors after the receiver's model of the troposphere"""
     multipath: CorrelatedErrorSection | None = None
     """reflections, of the aircraft itself and of the ground"""
+    ground_station: GroundStationErrorSection | None = None
+    """errors of the corrections of a GBAS ground station, for satellites of GPS and GLONASS"""
 
-    def models(self) -> tuple[CorrelatedError, ...]:
+    def models(self) -> tuple[CorrelatedError | GroundStationError, ...]:
         """Kinds of errors that are present."""
         from navsim.gnss.correlated_errors import CorrelatedError
 
         own: dict[str, Mapping] = {
             "orbit_clock": "none", "ionosphere": "ionosphere", "troposphere": "troposphere", "multipath": "multipath",
         }  # fmt: skip
-        out = []
+        out: list[CorrelatedError | GroundStationError] = []
         for name, mapping in own.items():
             section: CorrelatedErrorSection | None = getattr(self, name)
             if section is not None and section.sigma_m > 0.0:
                 out.append(
                     CorrelatedError(name, section.sigma_m, section.correlation_time_s, section.mapping or mapping)
                 )
-        return tuple(out)
+        return (*out, *(() if self.ground_station is None else (self.ground_station.model(),)))
 
 
 class CodeTrackingSection(Section):

@@ -22,6 +22,7 @@ from navsim.filter.design import CorrelatedErrorDesign
 from navsim.filter.measurement_kinds import FIX, RANGE
 from navsim.filter.states import MAX_MEASUREMENT_SIZE, Block
 from navsim.gnss.correlated_errors import SUMS, CorrelatedError
+from navsim.gnss.ground_accuracy import GroundStationError
 from navsim.gnss.pseudolite_clock import TransmitterErrors
 from navsim.gnss.pseudorange import Signals
 from navsim.integrity.fix_slopes import slopes
@@ -37,7 +38,7 @@ _SPEEDS = "slow", "fast"
 
 
 def followed_errors(
-    how: str, kinds: Sequence[CorrelatedError], duration: float, interval: float
+    how: str, kinds: Sequence[CorrelatedError | GroundStationError], duration: float, interval: float
 ) -> CorrelatedErrorDesign:
     """Filter model of these kinds of errors.
 
@@ -58,7 +59,9 @@ def followed_errors(
     )
 
 
-def fix_blocks(belief: CorrelatedErrorDesign, kinds: Sequence[CorrelatedError], step: float) -> tuple[Block, ...]:
+def fix_blocks(
+    belief: CorrelatedErrorDesign, kinds: Sequence[CorrelatedError | GroundStationError], step: float
+) -> tuple[Block, ...]:
     """The states of a loosely coupled filter, `SUMS` for each group of kinds; step: of the filter, s."""
     blocks: list[Block] = []
     for name, members in zip(belief.names, belief.groups, strict=True):

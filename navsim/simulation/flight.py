@@ -24,6 +24,7 @@ from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.gnss.dll import ReflectionErrors
 from navsim.integrity import monitoring
 from navsim.integrity.fix_exclusion import Excluder
+from navsim.integrity.gbas_station import StationLevels
 from navsim.sensors import imu
 from navsim.simulation.correlated_errors import RangeErrors, as_noise, fix_weights
 from navsim.simulation.dispersed_trajectory import DispersedTrajectories
@@ -141,6 +142,13 @@ class Flight:
     def snapshot(self) -> monitoring.Snapshot | None:
         """Monitor of the fixes, None without."""
         return None if self.watching is None or self.watching.bank else self.watching.over(self.shared.signals)
+
+    @cached_property
+    def station(self) -> StationLevels | None:
+        """GBAS levels of its fixes with drawn B values, None without."""
+        if self.watching is None or self.watching.station is None:
+            return None
+        return self.watching.station.over(self.shared.signals, monitoring.fix_of(self.shared.signals))
 
     @property
     def monitor(self) -> monitoring.LandingMonitor | None:

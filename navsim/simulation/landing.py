@@ -35,6 +35,7 @@ from navsim.gnss.fix_states import StatedFixes
 from navsim.integrity import monitoring
 from navsim.integrity.exclusion import NOTHING
 from navsim.integrity.fixes import ReceiverFixes
+from navsim.integrity.gbas_station import HISTORY
 from navsim.sensors import imu
 from navsim.sensors.beacons import Beacons
 from navsim.simulation.aiding import Aid
@@ -101,6 +102,8 @@ class Inputs:
     """Trajectories of the runs; None if all fly the route."""
     stated: StatedFixes | None = None
     """States of the fixes; None if fixes follow from the ranges."""
+    b_values: np.ndarray | None = None
+    """(e, s, M, W) B values of the ground station, m; None without."""
 
 
 @dataclass(frozen=True)
@@ -164,6 +167,9 @@ def draw(
     if shared.fix_states is not None:
         of_states, of_noise = (tuple(generator(seed, run, "fix", *branch) for run in runs) for branch in ((), (1,)))
         stated = shared.fix_states.drawn(of_states, of_noise, shared.signals.time, WIDTH)
+    b_values = None
+    if flight.station is not None:
+        b_values = flight.station.b_values(generators(seed, runs, "lasting", WIDTH, 1))
     for lanes in (
         noise.initial,
         dtheta,
@@ -179,7 +185,7 @@ def draw(
         lanes[..., len(runs) :] = lanes[..., len(runs) - 1 : len(runs)]
     return Inputs(
         noise.initial, dtheta, dv, ranges, rates, phases, aided, aided_exact, clock, sensors, errors.clipped, flown,
-        stated,
+        stated, b_values,
     )  # fmt: skip
 
 
@@ -403,6 +409,8 @@ class _Filtered:
     fixes: ReceiverFixes
     tables: Measurements
     watched: MonitorOutput
+    station: np.ndarray
+    """(e, 8, W) see `Run`."""
     errors: ErrorHistory
 
 
@@ -422,6 +430,7 @@ def _filter(flight: Flight, inputs: Inputs) -> _Filtered:
     ranges, rates = smoothed(shared, inputs.ranges, inputs.phases), inputs.rates
     fixes = receiver_fixes(shared, ranges, rates)
     antenna = in_all_lanes(shared.signals.antenna) if inputs.flown is None else inputs.flown.antenna
+    station = _station_output(flight, inputs, ranges, fixes.llh, antenna)
     watched = MonitorOutput.of_fixes(flight, antenna, ranges, fixes).after_exclusion(
         flight, antenna, ranges, rates, fixes
     )
@@ -469,7 +478,21 @@ def _filter(flight: Flight, inputs: Inputs) -> _Filtered:
                 flight, watched, errors, (fixes, ranges, rates), inputs.aided,
                 lambda aided: fly(measurements(flight, own, aided)),
             )  # fmt: skip
-    return _Filtered(nav, ranges, fixes, tables, watched, errors)
+    return _Filtered(nav, ranges, fixes, tables, watched, station, errors)
+
+
+def _station_output(
+    flight: Flight, inputs: Inputs, ranges: np.ndarray, llh: np.ndarray, antenna: np.ndarray
+) -> np.ndarray:
+    """`Run.station` (e, 8, W) of fixes llh (e, 3, W) from ranges (e, s, W); antenna: (e, 3, W) true, ECEF, m."""
+    station = flight.station
+    if station is None or inputs.b_values is None:
+        return np.empty((0, len(HISTORY), WIDTH))
+    differences = np.zeros((llh.shape[0], 2, WIDTH))
+    if station.station.two_smoothings:
+        assert inputs.phases is not None
+        differences = station.smoothing_differences(ranges, inputs.ranges, inputs.phases)
+    return station.of_fixes(inputs.b_values, differences, llh, antenna, flight.shared.antenna_enu)
 
 
 @dataclass(frozen=True)
@@ -560,6 +583,7 @@ def _as_runs(
         monitor_statistic=of_runs(watched.statistic), monitor_status=monitored.status, innovation_ratio=monitored.ratio,
         watched_error=of_runs(watched.error), monitor_excluded=of_runs(watched.excluded).astype(np.int64),
         monitor_level=of_runs(watched.level),
+        station=of_runs(filtered.station),
         **{name: of_runs(lanes) for name, lanes in own.items()},
         delta_angle=of_signals(inputs.dtheta), delta_velocity=of_signals(inputs.dv),
         start_llh=of_runs(nav[states.NAV_LLH : states.NAV_VEL]),

@@ -111,9 +111,11 @@ def range_noise(shared: SharedTruth, seed: int, runs: Sequence[int]) -> np.ndarr
     return normals([generator(seed, run, "measurements") for run in runs], *shared.signals.range.shape, 2)
 
 
-def generators(seed: int, runs: Sequence[int], stream: str, lanes: int) -> tuple[np.random.Generator, ...]:
-    """A random stream of each run; further lanes get that of the last run and draw nothing."""
-    own = [generator(seed, run, stream) for run in runs]
+def generators(
+    seed: int, runs: Sequence[int], stream: str, lanes: int, *branch: int
+) -> tuple[np.random.Generator, ...]:
+    """A random stream of each run, or a branch of it; further lanes get that of the last run and draw nothing."""
+    own = [generator(seed, run, stream, *branch) for run in runs]
     return (*own, *(own[-1] for _ in range(lanes - len(own))))
 
 

@@ -79,6 +79,8 @@ class Run:
     """(e,) number of the exclusion candidate, -1 for none; empty without exclusion."""
     monitor_level: np.ndarray
     """(e, 2) protection levels of the fixes after exclusion, nan without a test; empty without exclusion."""
+    station: np.ndarray
+    """(e, 8) GBAS levels of the fixes, see `integrity.gbas_station.HISTORY`; empty without drawn B values."""
     innovation_ratio: np.ndarray
     """(e,) see `InnovationTest`; empty without the test."""
     deviation: np.ndarray

@@ -411,14 +411,15 @@ def test_gbas(cases: dict[str, Any], within: Within) -> None:
     elevation, azimuth, sigma = np.transpose(given["elevation_azimuth_sigma"])
     solution = solved(rows_towards(np.transpose([azimuth, elevation]).tolist()), sigma.tolist())
     projection = sbas_gbas.gbas_projection(
-        solution, math.radians(given["course_deg"]), math.radians(given["glide_path_deg"])
+        solution.estimator, math.radians(given["course_deg"]), math.radians(given["glide_path_deg"])
     )
     b = np.array(given["b_values_one_receiver_m"])[None]
     row = next(row for row in cases["gbas_k_factors"]["cases"] if row["m"] == given["m"])
     printed = (row["k_ffmd_published"], row["k_md_published"])
     found = sbas_gbas.gbas(
-        projection, sigma[None], np.full((1, sigma.size), given["sigma_pr_gnd_m"]), b, given["m"], printed
-    )[0]
+        projection, sigma[None], np.full((1, sigma.size), given["sigma_pr_gnd_m"]),
+        sbas_gbas.effect_of_b(projection, b), given["m"], printed,
+    )[0]  # fmt: skip
     assert found[0] == pytest.approx([expected["lpl_h0"], expected["lpl_h1"]], abs=within["levels"])
     assert found[1] == pytest.approx([expected["vpl_h0"], expected["vpl_h1"]], abs=within["levels"])
 

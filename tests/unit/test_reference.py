@@ -104,7 +104,7 @@ WITHOUT_UNIT = {
     "fixed", "float", "differential", "single", "wrong",  # shares of the states of a fix
     "truth_scale", "fix_sigma_scale", "permittivity", "sigma_ratio_acc", "core", "tail", "sigma_tolerance",  # ratios
     "hdop",
-    "max_rejected", "components", "samples", "receivers", "effective_samples",
+    "max_rejected", "components", "samples", "receivers", "reference_receiver", "effective_samples",
     "runs", "study_runs", "steps", "experiments",  # counts
     "lift_slope", "side_force_slope", "drag",  # coefficients
     "each", "mast_per_metre", "cost",  # in a currency

@@ -42,10 +42,13 @@ OTHER_MEANINGS = {
     ("formats/sp3.py", "E"): "a clock event",
     ("formats/text.py", "E"): "exponents",
     ("report/sky.py", "E"): "east",
+    ("gnss/ground_accuracy.py", "C"): "a ground accuracy designator",
     ("landing/integrity_table_report.py", "G"): "the ground may be lost",
     ("replays/scenario.py", "SE"): "south, east",
     ("replays/sensor_checks.py", "R"): "right",
     ("runner/checkpoint.py", "C"): "order of an array",
+    ("scenario/integrity.py", "C"): "a GBAS approach service type",
+    ("scenario/signals.py", "C"): "a ground accuracy designator",
 }
 """Where a literal like a system's letter is none."""
 
