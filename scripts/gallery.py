@@ -22,8 +22,8 @@ PAGE = ROOT / "docs" / "gallery.md"
 COLOURS = 200
 HEAD = """# Gallery
 
-Each section shows figures of the result of its command. `navsim plot RESULT.h5` draws all
-[figures of a result](figures.md).
+Each section shows figures of the result of its command. A command with several runs or `-q` draws none:
+`navsim plot RESULT.h5` draws all [figures of a result](figures.md).
 """
 START = "navsim init -o my.yaml"
 PLANNER = "navsim plan my.yaml"
