@@ -48,8 +48,10 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "0.1, survey_sigma_m: 0.05, eirp_dbm: 14, sensitivity_dbm: -97, carrier_mhz: 868, long_share: 0.02, "
             "long_m: 2, outlier_share: 0.01, outlier_sigma_m: 5, bandwidth_mhz: 0.5, noise_figure_db: 5, "
             "clock: {}}",
-            "azimuth_station={preset: mls, beyond_m: 3000, half_width_m: 300, off_s: [[10, 20]]}",
-            "elevation_station={preset: mls}", "dme={preset: dme-p, beyond_m: 3000}",
+            "azimuth_station={preset: mls, beyond_m: 3000, half_width_m: 300, off_s: [[10, 20]], faults: [{at_s: 40, "
+            "until_s: 60, rate_m_s: 0.5}]}",
+            "elevation_station={preset: mls, faults: [{at_s: 40, until_s: 60, error_deg: 0.3}]}",
+            "dme={preset: dme-p, beyond_m: 3000, faults: [{until_s: 60, error_m: 100}]}",
             "runway.geoid_undulation_m=15.5",
             f"sky={{source: almanac, almanac: MCCJ_180913.agl, almanac_sha256: {_SUM}}}",
             "events=[{what: step, sources: [R05], at_s: 20, until_s: 40, error_m: 10}, "

@@ -369,8 +369,12 @@ def station_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
             continue
         model, last = section.model(scenario), scenario.duration_s
         out += [
-            f"{name}.off_s[{i}]: the outage begins at {start:g} s, after the end of the flight at {last:g} s"
-            for i, (start, _) in enumerate(section.off_s)
+            f"{name}.{key}[{i}]: the {what} begins at {start:g} s, after the end of the flight at {last:g} s"
+            for key, what, times in (
+                ("off_s", "outage", [start for start, _ in section.off_s]),
+                ("faults", "fault", [fault.at_s for fault in section.faults]),
+            )
+            for i, start in enumerate(times)
             if start >= last
         ]
         time = np.arange(1, 1 + math.floor(end * section.rate_hz)) / section.rate_hz

@@ -19,11 +19,13 @@ from navsim.scenario.base import (
     ListOf,
     NonNegative,
     PairOf,
+    Section,
     Sigma,
     Signed,
     Triple,
     reject,
 )
+from navsim.scenario.events import Error
 from navsim.scenario.guidance import BEYOND_END
 from navsim.scenario.presets import STATION_PRESETS
 from navsim.scenario.terrain import terrain_of
@@ -36,6 +38,61 @@ Angle = Annotated[float, Field(ge=-90.0, le=90.0)]
 AngleSigma = Annotated[float, Field(ge=1e-6, le=10.0)]
 AngleError = Annotated[float, Field(ge=0.0, le=10.0)]
 Beyond = Annotated[float, Field(ge=-1e5, le=1e5)]
+
+
+class StationFault(Section):
+    """An error that a station radiates for some time, of which the filter knows nothing."""
+
+    at_s: FlightTime = 0.0
+    """when it begins, after time 0"""
+    until_s: FlightTime | None = None
+    """when it ends, after time 0; null: at the end of the flight"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.until_s is not None and self.until_s <= self.at_s:
+            raise reject("must lie after at_s", "until_s")
+        if self.size == (0.0, 0.0):
+            raise reject("changes nothing: give an error or its rate")
+        return self
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Error at the beginning, and its rate, in units of the keys."""
+        raise NotImplementedError
+
+    def row(self, scale: float) -> tuple[float, float, float, float]:
+        """A row of `GroundStation.faults`; scale: SI units of a unit of the keys."""
+        error, rate = self.size
+        return self.at_s, math.inf if self.until_s is None else self.until_s, scale * error, scale * rate
+
+
+class DistanceFault(StationFault):
+    """A fault of an azimuth station, in metres at the threshold, or of a DME."""
+
+    error_m: Error = 0.0
+    """error when it begins"""
+    rate_m_s: Error = 0.0
+    """how fast it grows"""
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """m, m/s."""
+        return self.error_m, self.rate_m_s
+
+
+class AngleFault(StationFault):
+    """A fault of an elevation station."""
+
+    error_deg: Angle = 0.0
+    """error when it begins"""
+    rate_deg_s: Angle = 0.0
+    """how fast it grows"""
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Degrees, degrees per second."""
+        return self.error_deg, self.rate_deg_s
 
 
 class StationSection(AidingSection):
@@ -60,7 +117,9 @@ class StationSection(AidingSection):
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     """IMU to the antenna that receives it: forward, right, down"""
     off_s: Annotated[ListOf[PairOf[FlightTime]], Field(max_length=100)] = ()
-    """outages: pairs of times from which and until which it is off"""
+    """outages: pairs of times from which and until which it is off, such as [[30, 40]]"""
+    faults: Annotated[ListOf[DistanceFault], Field(max_length=100)] = ()
+    """errors that it radiates for some time, unknown to the filter; of an azimuth station at the threshold"""
 
     @model_validator(mode="before")
     @classmethod
@@ -137,8 +196,8 @@ class StationSection(AidingSection):
         return station(
             (along, right, runway.rise * along + self.height_m), runway.aim_point_m, runway.ellipsoidal_m,
             self.rate_hz, mine.latency, mine.noise, self.limits(landing), mine.lever_arm,
-            np.array(self.off_s).reshape(-1, 2), mine.errors, functools.partial(terrain_of, landing.terrain),
-            of(other, its.errors == "states"),
+            np.array(self.off_s).reshape(-1, 2), np.array([fault.row(scale) for fault in self.faults]).reshape(-1, 4),
+            mine.errors, functools.partial(terrain_of, landing.terrain), of(other, its.errors == "states"),
         )  # fmt: skip
 
 
@@ -183,6 +242,8 @@ class ElevationStationSection(StationSection):
     preset: Literal["none", "ils", "mls"] = "none"
     """limits of 14 CFR 171. A glide path of 3 degrees gets bias_deg, and its full scale as low_deg, 2.28, and high_deg,
     3.72. An MLS elevation gets bias_deg, bends_deg, noise_deg, and low_deg, 0.9"""
+    faults: Annotated[ListOf[AngleFault], Field(max_length=100)] = ()  # type: ignore[assignment]  # in degrees
+    """errors that it radiates for some time, unknown to the filter"""
     right_m: Beyond = 120.0
     """distance of the station right of the centre line; without beyond_m it stands abeam of the touchdown point"""
     bias_deg: AngleError = 0.0

@@ -76,6 +76,8 @@ class GroundStation(AidingSensor):
     """(3,) IMU to antenna, body axes, m."""
     off: np.ndarray
     """(j, 2) times from which and until which the station is off, s."""
+    faults: np.ndarray
+    """(j, 4) times from which and until which it radiates an error, s; the error then, rad or m; its rate."""
     true_errors: StationErrors
     terrain: Callable[[np.ndarray], Terrain]
     """What hides it, by the threshold of the runway (3,), rad, rad, m."""
@@ -113,11 +115,14 @@ class GroundStation(AidingSensor):
         return behind(self.terrain(threshold), ecef_from_llh(self.llh(frame))[None, None], antenna)[:, 0]
 
     def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:
-        """Angles or ranges (m, 1), rad or m; nan outside the coverage, behind terrain and while the station is off."""
+        """Angles or ranges (m, 1) with faults, rad or m; nan outside the coverage, behind terrain and while the station
+        is off."""
         exact, there = self.geometry(flight, time)
         there &= (exact >= self.limits[0]) & (exact <= self.limits[1]) & ~self.hidden(flight, time)
         for start, end in self.off:
             there &= (time < start) | (time >= end)
+        for start, end, error, rate in self.faults:
+            exact = exact + np.where((time >= start) & (time < end), error + rate * (time - start), 0.0)
         return np.where(there, exact, np.nan)[:, None]
 
     def noise_sigma(self, exact: np.ndarray) -> np.ndarray:
@@ -141,7 +146,7 @@ class GroundStation(AidingSensor):
         """Whether the filter model equals the station."""
         its = self.design
         same = (self.noise, self.latency, self.true_errors) == (its.noise, its.latency, its.errors)
-        return same and np.array_equal(self.lever_arm, its.lever_arm)
+        return same and not self.faults.size and np.array_equal(self.lever_arm, its.lever_arm)
 
     @property
     def errors(self) -> tuple[SensorError, ...]:

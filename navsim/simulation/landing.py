@@ -38,6 +38,7 @@ from navsim.integrity.fixes import ReceiverFixes
 from navsim.integrity.gbas_station import HISTORY
 from navsim.sensors import imu
 from navsim.sensors.beacons import Beacons
+from navsim.sensors.ground_stations import GroundStation
 from navsim.simulation.aiding import Aid
 from navsim.simulation.dispersed_trajectory import DispersedTrajectories
 from navsim.simulation.filter_exclusion import after_exclusion
@@ -521,21 +522,23 @@ def _monitored(flight: Flight, inputs: Inputs, filtered: _Filtered, count: int) 
     )  # fmt: skip
     status, ratio = _of_runs(filtered.watched.status, count).astype(np.int64), np.empty((count, 0))
     if flight.watching is not None and flight.watching.innovations is not None:
-        squared, degrees = _with_beacons(flight, of_events)
+        squared, degrees = _with_transmitters(flight, of_events)
         ratio = flight.watching.innovations.ratio(flight.shared.signals.time, squared, degrees)
-        status = np.where((ratio > 1.0) & (status != monitoring.NO_FIX), monitoring.ALARM, status)
+        # stations guide without fixes, too
+        guided = any(isinstance(aid.sensor, GroundStation) for aid in flight.shared.aids)
+        status = np.where((ratio > 1.0) & (guided | (status != monitoring.NO_FIX)), monitoring.ALARM, status)
     return _Monitored(of_events, status, ratio)
 
 
-def _with_beacons(flight: Flight, of_events: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Innovations squared and their degrees (r, e) of fixes, or ranges, together with those of beacons since the epoch
-    before."""
+def _with_transmitters(flight: Flight, of_events: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Innovations squared and their degrees (r, e) of fixes, or ranges, together with those of beacons and ground
+    stations since the epoch before."""
     degrees = of_events["degrees"].copy()
     squared, first = np.where(degrees > 0, of_events["innovation_squared"], 0.0), 0
     for aid in flight.shared.aids:
         its = slice(first, first + aid.time.size)
         first = its.stop
-        if isinstance(aid.sensor, Beacons):
+        if isinstance(aid.sensor, (Beacons, GroundStation)):
             epoch = np.searchsorted(flight.shared.filter_time[1:], aid.arrival - TIME_TOLERANCE)
             some = epoch < degrees.shape[1]
             count, square = of_events["aided_degrees"][:, its], of_events["aided_squared"][:, its]

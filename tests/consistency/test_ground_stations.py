@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from navsim.integrity import monitoring
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.runner.executor import threads
 from tests.helpers import case, in_brief
@@ -32,6 +33,27 @@ def test_runs_agree_with_filter_and_analysis(kind: str, coupling: str) -> None:
     np.testing.assert_allclose(ratio_of, 1.0, atol=0.08)
     squares, weighed = (runs.per_run(f"aided_{name}").sum() for name in ("innovations", "weighed"))
     assert squares / weighed == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_fault_of_a_station_acts_as_the_analysis_predicts_and_alarms() -> None:
+    """The same runs with and without a fault of the glide path differ by the mean of the analysis. The test of
+    innovations sees 0.5 degrees in all runs, though there is no fix, and nothing without a fault."""
+    watched = "integrity={method: chi2, innovations: {window_s: 10, p_fa: 1.0e-6}}"
+    brief = ("imu.rate_hz=25", "receiver.rate_hz=1", "duration_s=80", "wind={}", watched)
+
+    def flown(*settings: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        of = case(*brief, *settings, name="landing_ils")
+        runs = [of.fly(44, run) for run in range(4)]
+        alarms = np.array([(run.monitor_status == monitoring.ALARM).any() for run in runs])
+        return np.array([run.error for run in runs]), alarms, covariance_analysis(of).mean
+
+    (error, none, _), (wrong, _, mean) = flown(), flown("elevation_station.faults=[{at_s: 40, error_deg: 0.01}]")
+    added, z = (wrong - error).mean(axis=0), slice(2, 3)
+    assert np.abs(mean[:, z]).max() > 0.1
+    np.testing.assert_allclose(added[:, z], mean[:, z], atol=0.03 * np.abs(mean[:, z]).max())
+    _, alarms, _ = flown("elevation_station.faults=[{at_s: 40, error_deg: 0.5}]")
+    assert alarms.all()
+    assert not none.any()
 
 
 def test_bias_without_noise_has_a_budget() -> None:

@@ -46,6 +46,24 @@ def test_coverage_and_outages() -> None:
     assert of.shared.aids[0].sensor.is_true_model
 
 
+def test_faults_are_added_while_they_last() -> None:
+    """Steps and ramps, of an azimuth in metres at the threshold, 3300 m from its antenna; the filter knows none."""
+    sites = ("azimuth_station={noise_m: 1}", "elevation_station={noise_deg: 0.1}", "dme={noise_m: 1}")
+    faults = ("azimuth_station.faults=[{at_s: 5, rate_m_s: 2}]", "dme.faults=[{error_m: 7}, {error_m: 1, at_s: 9}]",
+              "elevation_station.faults=[{at_s: 5, until_s: 7, error_deg: 0.5, rate_deg_s: 0.1}]")  # fmt: skip
+    (of, true), (_, wrong) = flown(*sites), flown(*sites, *faults)
+    azimuth, elevation, dme = ((b.exact - a.exact)[:, 0] for a, b in zip(true, wrong, strict=True))
+    time = true[0].time
+    np.testing.assert_allclose(azimuth * 3300.0, 2.0 * np.maximum(time - 5.0, 0.0), atol=1e-9)
+    lasts = (time >= 5.0) & (time < 7.0)
+    early = time < 40.0
+    due = np.where(lasts, 0.5 + 0.1 * (time - 5.0), 0.0)
+    np.testing.assert_allclose(np.degrees(elevation)[early], due[early], atol=1e-9)
+    np.testing.assert_allclose(dme, 7.0 + (time >= 9.0), atol=1e-9)
+    assert of.shared.aids[0].sensor.is_true_model
+    assert not wrong[0].sensor.is_true_model
+
+
 def test_behind_and_beside_the_approach_there_is_no_azimuth() -> None:
     """Beyond the half width, and behind the antenna, a localizer measures nothing; a DME measures to all sides."""
     of, (azimuth, dme) = flown("azimuth_station={noise_m: 1, half_width_m: 100, beyond_m: 1000}", "dme={noise_m: 1}")
@@ -94,6 +112,8 @@ def test_path_following_error_of_the_elevation_is_its_parts() -> None:
         (("azimuth_station={noise_m: 3, beyond_m: -5}",), "beyond the threshold"),
         (("azimuth_station={noise_m: 3, beyond_m: 5}",), "of the aircraft"),
         (("elevation_station={noise_deg: 1, right_m: 0}",), "of the aircraft"),
+        (("dme={noise_m: 3, faults: [{at_s: 3}]}",), "changes nothing"),
+        (("dme={noise_m: 3, faults: [{at_s: 3, until_s: 3, error_m: 1}]}",), "must lie after at_s"),
         (("localizer={noise_m: 3}",), "did you mean 'azimuth_station'?"),
         (("glide_path={noise_deg: 3}",), "did you mean 'elevation_station'?"),
     ],
@@ -113,6 +133,7 @@ def test_messages(settings: tuple[str, ...], words: str) -> None:
         ("azimuth_station={noise_m: 1, beyond_m: 60000}", "azimuth_station: the antenna stands 60000 m beyond"),
         ("azimuth_station={noise_m: 1, beyond_m: 2400}", "azimuth_station.beyond_m: the antenna stands on the runway"),
         ("dme={noise_m: 1, off_s: [[1, 2], [200, 300]]}", "dme.off_s[1]: the outage begins at 200 s, after the end"),
+        ("dme={noise_m: 1, faults: [{at_s: 90, error_m: 5}]}", "dme.faults[0]: the fault begins at 90 s, after"),
         ("dme={noise_m: 1, off_s: [[0, 30], [30, 90]]}", "dme.off_s: the station is off until touchdown"),
     ],
 )  # fmt: skip
