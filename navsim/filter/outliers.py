@@ -103,7 +103,7 @@ def is_lost(rejected, outliers, most):
 @kernel
 def widen(p, lost, z, root):
     """Where a filter is `lost`, add to P (n, n) independent errors of position, each as large as the innovation z if
-    that exceeds its clean 1 sigma `root`."""
+    that exceeds its clean 1 sigma `root`. Their sum is as large along every line, so also along that of the range."""
     for i in range(POS, POS + 3):
         p[i, i] += where(lost & (z * z > root * root), z * z, 0.0)
 

@@ -134,13 +134,16 @@ class Headings:
     """(3,)."""
     lasting: float = 0.0
 
-    def at(self, time: float, oldest: float = 1.0) -> tuple[float, float] | None:
-        """Value and 1 sigma of the noise of the last heading up to a time, rad; None if it is older than `oldest` s.
+    def at(self, time: float, oldest: float = 1.0) -> tuple[float, float, float] | None:
+        """Value and 1 sigma of the noise, rad, of the last heading up to a time, and its time, s; None if it is older
+        than `oldest` s.
 
         Later ones are measurements of the filter that starts then, and must not count twice.
         """
         i = int(np.searchsorted(self.time, time, side="right")) - 1
-        return (float(self.value[i]), float(self.sigma[i])) if i >= 0 and time - self.time[i] <= oldest else None
+        if i < 0 or time - self.time[i] > oldest:
+            return None
+        return float(self.value[i]), float(self.sigma[i]), float(self.time[i])
 
 
 @dataclass(frozen=True)

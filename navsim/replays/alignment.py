@@ -250,14 +250,25 @@ def at_rest(rest: Standstill, heading: float, heading_sigma: float, gyro_sigma: 
     return Alignment(rest.end, quaternion, covariance, rest.rate, np.full(3, gyro_sigma), rest.since, rest.end)
 
 
-def turned_to(found: Alignment, headings: Headings, measured: tuple[float, float]) -> Alignment:
-    """An alignment updated with a measured heading: value and 1 sigma of its noise, rad. A heading that is not known at
-    all takes the measured one."""
+def axis_later(
+    axis: np.ndarray, samples: Samples, time: float, later: float, gyro_bias: np.ndarray
+) -> np.ndarray:  # fmt: skip
+    """Where an axis (3,) of the body at a time pointed, in the axes of the body at a later one, s, by the gyros."""
+    grid = np.unique(np.concatenate([samples.between(time, later).time, [time, later]]))
+    rate = samples.at(grid)[0] - gyro_bias
+    for turn in 0.5 * (rate[1:] + rate[:-1]) * np.diff(grid)[:, None]:
+        axis = dcm_from_rotation_vector(-turn) @ axis
+    return axis
+
+
+def turned_to(found: Alignment, headings: Headings, measured: tuple[float, float, float]) -> Alignment:
+    """An alignment updated with a measured heading, see `Headings.at`, of an axis of the body at the alignment. A
+    heading that is not known at all takes the measured one."""
     turn = dcm_from_quaternion(found.quaternion)
     axis = turn @ headings.axis
     level = float(axis[0] ** 2 + axis[1] ** 2)
     h = np.array([-axis[0] * axis[2] / level, -axis[1] * axis[2] / level, 1.0])
-    value, sigma = measured
+    value, sigma, _ = measured
     away = np.angle(np.exp(1j * (value - np.arctan2(axis[1], axis[0]))))
     noise = sigma**2 + headings.lasting**2
     gain = found.covariance @ h / (h @ found.covariance @ h + noise)
@@ -282,9 +293,11 @@ def velocity_matching(
 
     gyro_bias: (3,) rad/s to take off, and its 1 sigma; accel_sigma: of the accelerometers' biases, m/s2; both widen the
     covariance. longest: s after which to give up: None. Fixes' times are those of validity [1]. headings: measured
-    ones, of which that at `begin` counts.
+    ones, of which the last up to `begin` counts, turned by the gyros.
     """
     measured = None if headings is None else headings.at(begin)
+    if headings is not None and measured is not None:
+        headings = replace(headings, axis=axis_later(headings.axis, samples, measured[2], begin, gyro_bias))
     wanted = (fixes.time >= begin) & (fixes.time <= begin + longest) & np.isfinite(fixes.velocity).all(axis=1)
     fixes = fixes.take(wanted)
     time = fixes.time

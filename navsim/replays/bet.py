@@ -27,6 +27,7 @@ from navsim.formats.recorded_data import Fixes
 from navsim.replays import flight as replay
 from navsim.replays.motion import in_motion
 from navsim.replays.reading import ReplayError
+from navsim.replays.recorded_flight import RecordedFlight
 from navsim.replays.result_groups import drift_in_outage, of_outages
 from navsim.replays.scenario import Replay
 from navsim.replays.study import Recording
@@ -185,7 +186,7 @@ def _values(
     return out
 
 
-def _all_move(flight: replay.RecordedFlight, moves: np.ndarray, start: float, end: float) -> bool:
+def _all_move(flight: RecordedFlight, moves: np.ndarray, start: float, end: float) -> bool:
     """Whether there are fixes between two times, s, all of them in motion."""
     there = (flight.arrival >= start) & (flight.arrival <= end)
     return bool(there.any() and moves[there].all())

@@ -14,6 +14,7 @@ from navsim.replays import alignment as aligning
 from navsim.replays import flight as replay
 from navsim.replays.motion import FASTEST_NEEDED
 from navsim.replays.reading import ReadLog
+from navsim.replays.recorded_flight import RecordedFlight
 from navsim.replays.scenario import Outage, Replay
 from navsim.results.findings import CONSISTENT, Finding
 from navsim.results.result import Result
@@ -43,7 +44,7 @@ SIDEWAYS, OFF_COURSE = 60.0 * DEG, 10.0
 
 
 def findings(
-    recording: Recording, result: Result, withheld: np.ndarray, flight: replay.RecordedFlight, flown: replay.Replayed
+    recording: Recording, result: Result, withheld: np.ndarray, flight: RecordedFlight, flown: replay.Replayed
 ) -> list[Finding]:
     """Findings for the user; withheld: (e,) bool, fixes withheld by outages."""
     out = notes(recording.warnings)
@@ -102,7 +103,7 @@ def _inconsistent(result: Result) -> list[Finding]:
     return [Finding("innovations", text, (CONSISTENT,), int(degrees.astype(bool).sum()), degrees.size)]
 
 
-def _pauses(flight: replay.RecordedFlight) -> list[Finding]:
+def _pauses(flight: RecordedFlight) -> list[Finding]:
     """The finding of times without fixes."""
     solved = Fixes(flight.arrival, flight.llh, flight.velocity).take(np.isfinite(flight.llh[:, 0]))
     if solved.time.size < 2:
@@ -139,7 +140,7 @@ def _of_lost(lost: replay.LostSpan) -> Finding:
     return Finding("lost", text, (CONSISTENT,), 1, 1, 1, lost.begin)
 
 
-def find_outliers(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[Finding]:
+def find_outliers(flight: RecordedFlight, flown: replay.Replayed) -> list[Finding]:
     """The finding of fixes, or ranges, that the gate rejected, but those of times at which the filter was lost."""
     when = flight.arrival[: flown.rejected.size]
     away = np.zeros(when.size, bool)
@@ -201,7 +202,7 @@ def _why_unaligned(scenario: Replay, log: ReadLog, first: float, since: float) -
     return f"{wanted.longest_s:g} s of motion that begin within do not {heading}"
 
 
-def find_off_course(flight: replay.RecordedFlight, flown: replay.Replayed) -> list[Finding]:
+def find_off_course(flight: RecordedFlight, flown: replay.Replayed) -> list[Finding]:
     """The findings of the times at which the nose points far from the course: `SIDEWAYS` and three sigma, for
     `OFF_COURSE` seconds of motion on end."""
     at = np.minimum(np.searchsorted(flown.time, flight.arrival), flown.time.size - 1)

@@ -15,7 +15,7 @@ from navsim.geodesy.attitude import dcm_from_quaternion
 from navsim.gnss.dop import geometry_covariance
 
 if TYPE_CHECKING:
-    from navsim.replays.flight import PartStart, RecordedFlight
+    from navsim.replays.recorded_flight import PartStart, RecordedFlight
 
 ACCELERATION = 5.0
 """1 sigma of an aircraft's acceleration between a fix and the alignment, m/s2."""

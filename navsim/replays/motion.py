@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from navsim.replays.flight import RecordedFlight
+from navsim.replays.recorded_flight import RecordedFlight
 
 FASTEST_NEEDED = 3.0
 """Speed over ground, m/s, above which a fix of any flight counts as in motion."""

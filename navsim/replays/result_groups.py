@@ -16,9 +16,11 @@ from navsim.filter.records import REJECTED, TFG, USED
 from navsim.replays import flight as replay
 from navsim.replays.findings import VELOCITY_SIGMA, outage_spans
 from navsim.replays.motion import in_motion, lag1_correlation, turn_rate
+from navsim.replays.recorded_flight import RecordedFlight
 from navsim.replays.tuning import ERROR_SIZE, ERROR_TIME, HEADING_RATIO, LATENCY, POSITION_RATIO, VELOCITY_LAG, Tuning
 from navsim.replays.white_noise import standstills, white_noise
 from navsim.results.builder import ResultBuilder
+from navsim.statistics.importance_sampling import TWO_SIDED
 from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 
 DILUTION = 3.0
 """1 sigma of a fix in that of a range, for the start of a tight filter and the innovations of fixes."""
+DETERMINED = 1.5
+"""Factor beyond which the 95 % interval of a tuned number is told."""
 TURNING = np.radians(5.0)
 """Rate of rotation, rad/s, above which an aircraft turns."""
 
@@ -53,7 +57,7 @@ def write_filter(
     draft["/filter/accelerometer_bias"] = flown.navigation[wanted, states.NAV_ACCEL : states.NAV_N]
 
 
-def write_innovations(draft: ResultBuilder, flight: replay.RecordedFlight, flown: replay.Replayed) -> None:
+def write_innovations(draft: ResultBuilder, flight: RecordedFlight, flown: replay.Replayed) -> None:
     draft["/innovations/time"] = flight.arrival
     for name, part in (("position_ned", slice(0, 3)), ("velocity_ned", slice(3, 6))):
         draft[f"/innovations/{name}"] = flown.innovation[:, part]
@@ -69,7 +73,7 @@ def write_innovations(draft: ResultBuilder, flight: replay.RecordedFlight, flown
     draft["/innovations/range_status"] = flown.range_status
 
 
-def write_aids(draft: ResultBuilder, flight: replay.RecordedFlight, flown: replay.Replayed, moving: float) -> None:
+def write_aids(draft: ResultBuilder, flight: RecordedFlight, flown: replay.Replayed, moving: float) -> None:
     """Innovations of the measurements beside the fixes, by the motion at the next fix."""
     if not flight.aids:
         return
@@ -92,7 +96,7 @@ def write_aids(draft: ResultBuilder, flight: replay.RecordedFlight, flown: repla
     draft["/summary/aid_nis"] = nis
 
 
-def _by_motion(flight: replay.RecordedFlight, moving: float) -> dict[str, np.ndarray]:
+def _by_motion(flight: RecordedFlight, moving: float) -> dict[str, np.ndarray]:
     """Which fixes (m,) are in each motion; moving: speed, m/s, from which on a fix is in motion."""
     fast, turning = in_motion(flight, moving), turn_rate(flight) > TURNING
     return {"all": np.ones(fast.size, bool), "moving": fast, "parked": ~fast, "straight": fast & ~turning,
@@ -129,8 +133,13 @@ def write_tuning(draft: ResultBuilder, recording: Recording, tuning: Tuning) -> 
         origin = "tuned to the innovations" if free[which] else tuning.origin
         if free[which] and name in (*recording.tuned, "heading_sigma") and np.isfinite(tuning.spread[which]):
             spread = tuning.spread[which]
-            how = f"{digits(spread)} s" if which == LATENCY else f"a factor of {np.exp(spread):.2f}"
-            origin += f", 1 sigma {how}"
+            wide = np.exp(TWO_SIDED * spread)
+            if which == LATENCY:
+                origin += f", 1 sigma {digits(spread)} s"
+            elif wide > DETERMINED:
+                origin += f", hardly determined: 95 % within a factor of {wide:.2g}"
+            else:
+                origin += f", 1 sigma a factor of {np.exp(spread):.2f}"
         if recording.claimed and free[ERROR_SIZE] and name in CLAIMED:
             origin = "accuracies of the receiver, less the noise"
         if own and "_sigma_" in name:
@@ -180,14 +189,14 @@ def write_reference(draft: ResultBuilder, flown: replay.Replayed, time: np.ndarr
     draft["/summary/attitude_difference_scatter"] = np.array([_rms(each) for each in left.T])
 
 
-def write_fixes(draft: ResultBuilder, flight: replay.RecordedFlight) -> None:
+def write_fixes(draft: ResultBuilder, flight: RecordedFlight) -> None:
     draft["/receiver/time"] = flight.arrival
     draft["/receiver/position_llh"] = flight.llh
     draft["/receiver/velocity_ned"] = flight.velocity
 
 
 def write_outages(
-    draft: ResultBuilder, recording: Recording, flight: replay.RecordedFlight, settings: np.ndarray
+    draft: ResultBuilder, recording: Recording, flight: RecordedFlight, settings: np.ndarray
 ) -> None:
     design = of_outages(recording.design(settings, FILTER_KINDS[recording.scenario.filter.kind]))
     fix_sigma, range_sigma = recording.fix_sigma(settings), recording.range_sigma(settings)
@@ -207,7 +216,7 @@ def write_outages(
 
 
 def drift_in_outage(
-    flight: replay.RecordedFlight,
+    flight: RecordedFlight,
     design: FilterDesign,
     fix_sigma: np.ndarray,
     range_sigma: tuple[float, float],
@@ -236,7 +245,7 @@ def of_outages(design: FilterDesign) -> FilterDesign:
     return replace(design, kind=TFG if is_smoother(design.kind) else design.kind)
 
 
-def write_summary(draft: ResultBuilder, flight: replay.RecordedFlight, flown: replay.Replayed, moving: float) -> None:
+def write_summary(draft: ResultBuilder, flight: RecordedFlight, flown: replay.Replayed, moving: float) -> None:
     used = (flown.degrees > 0) & (flown.status != REJECTED)
     groups = {name: used & group for name, group in _by_motion(flight, moving).items()}
     draft.put("/summary/motion", np.array(list(groups)), moving=f"{digits(moving, 2)} m/s")

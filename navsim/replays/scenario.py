@@ -1,5 +1,8 @@
 """`kind: replay`: a recorded flight, IMU and GNSS, through the filter."""
 
+# types of units, axes and columns are made from the tables of `conventions`, which mypy cannot follow
+# mypy: disable-error-code="valid-type"
+
 from __future__ import annotations
 
 import datetime
@@ -83,19 +86,19 @@ class Sensors(Section):
     .gz, .bz2, .zip too"""
     file_sha256: Checksum | None = None
     """checksum of the file; when given, another file is refused"""
-    columns: _columns(conventions.IMU_COLUMNS) = Field(default_factory=dict)  # type: ignore[valid-type]
+    columns: _columns(conventions.IMU_COLUMNS) = Field(default_factory=dict)
     """names of the columns in the file if they differ: {gx_rad_s: GyrX, ...}"""
-    time_unit: _unit(conventions.TIME_UNITS) = "s"  # type: ignore[valid-type]
+    time_unit: _unit(conventions.TIME_UNITS) = "s"
     """unit of the column t_s"""
-    gyro_unit: _unit(conventions.GYRO_UNITS) = "rad/s"  # type: ignore[valid-type]
+    gyro_unit: _unit(conventions.GYRO_UNITS) = "rad/s"
     """unit of the gyro columns"""
-    accelerometer_unit: _unit(conventions.ACCELEROMETER_UNITS) = "m/s2"  # type: ignore[valid-type]
+    accelerometer_unit: _unit(conventions.ACCELEROMETER_UNITS) = "m/s2"
     """unit of the accelerometer columns"""
-    axes: BodyAxes = "FRD"  # type: ignore[valid-type]
+    axes: BodyAxes = "FRD"
     """where the columns x, y, z point: F or B, R or L, D or U. FLU: forward, left, up"""
-    gyro_axes: BodyAxes | None = None  # type: ignore[valid-type]
+    gyro_axes: BodyAxes | None = None
     """axes of the gyros alone (positive by the right-hand rule), if they differ"""
-    accelerometer_axes: BodyAxes | None = None  # type: ignore[valid-type]
+    accelerometer_axes: BodyAxes | None = None
     """the same for the accelerometers alone; at rest an axis that points up shows +9.8. BLU: a log that has gravity
     instead of specific force"""
     sensor_class: Literal["consumer", "industrial", "tactical"] = "consumer"
@@ -191,24 +194,24 @@ class Gnss(Section):
     """noise of the receiver's clock, for `coupling: tight`"""
     file_sha256: Checksum | None = None
     """checksum of the file; when given, another file is refused"""
-    columns: _columns((*conventions.GNSS_COLUMNS, *conventions.GNSS_OPTIONAL)) = Field(default_factory=dict)  # type: ignore[valid-type]
+    columns: _columns((*conventions.GNSS_COLUMNS, *conventions.GNSS_OPTIONAL)) = Field(default_factory=dict)
     """names of the columns in the file if they differ; not for NMEA, nor units and axes"""
-    time_unit: _unit(conventions.TIME_UNITS) = "s"  # type: ignore[valid-type]
+    time_unit: _unit(conventions.TIME_UNITS) = "s"
     """unit of the column t_s"""
     time_offset_s: LogTime = 0.0
     """added to the times of the fixes: GPS time less UTC is 18 s since 2017"""
-    angle_unit: _unit(conventions.ANGLE_UNITS) = "deg"  # type: ignore[valid-type]
+    angle_unit: _unit(conventions.ANGLE_UNITS) = "deg"
     """unit of the columns of latitude and longitude"""
     position_axes: Literal["NE", "NW", "SE", "SW"] = "NE"
     """directions in which the columns of latitude and longitude increase: N or S, E or W. NW: west longitudes are
     positive; SW: hemisphere letters S and W were lost"""
-    height_unit: _unit(conventions.HEIGHT_UNITS) = "m"  # type: ignore[valid-type]
+    height_unit: _unit(conventions.HEIGHT_UNITS) = "m"
     """unit of the column of height"""
-    speed_unit: _unit(conventions.SPEED_UNITS) = "m/s"  # type: ignore[valid-type]
+    speed_unit: _unit(conventions.SPEED_UNITS) = "m/s"
     """unit of the velocity columns"""
-    vertical_speed_unit: _unit(conventions.VERTICAL_SPEED_UNITS) | None = None  # type: ignore[valid-type]
+    vertical_speed_unit: _unit(conventions.VERTICAL_SPEED_UNITS) | None = None
     """unit of the vertical velocity if it differs, such as ft/min"""
-    velocity_axes: LevelAxes = "NED"  # type: ignore[valid-type]
+    velocity_axes: LevelAxes = "NED"
     """where the columns vn, ve, vd point: N or S, E or W, D or U. ENU: east, north, up"""
     latency_s: RecordedLatency | None = None
     """delay from the time a fix is valid to its time in the file, negative for fixes that are stamped too early; left
@@ -299,9 +302,9 @@ class HeadingSection(Section):
     Rows without a heading do not count: the table of the fixes may have these columns"""
     file_sha256: Checksum | None = None
     """checksum of the file; when given, another file is refused"""
-    columns: _columns(conventions.HEADING_COLUMNS) = Field(default_factory=dict)  # type: ignore[valid-type]
+    columns: _columns(conventions.HEADING_COLUMNS) = Field(default_factory=dict)
     """names of the columns in the file if they differ"""
-    time_unit: _unit(conventions.TIME_UNITS) = "s"  # type: ignore[valid-type]
+    time_unit: _unit(conventions.TIME_UNITS) = "s"
     """unit of the column t_s"""
     source: Literal["magnetic", "antennas", "other"] = "magnetic"
     """magnetic: from magnetic north; antennas: of the line between two antennas, from true north, and missing where

@@ -31,6 +31,7 @@ from navsim.formats.recorded_data import Fixes, Headings, Ranges, Samples
 from navsim.geodesy.attitude import dcm_from_rpy, quaternion_from_dcm
 from navsim.replays import alignment as aligning
 from navsim.replays import flight as replay
+from navsim.replays import recorded_flight
 from navsim.replays.aids import (
     RecordedAid,
     heading_aid,
@@ -46,6 +47,7 @@ from navsim.replays.fix_checks import lag_of_velocities
 from navsim.replays.flight_tables import own_or_usual
 from navsim.replays.motion import moving_speed
 from navsim.replays.reading import LEAST_FIXES, LEAST_SAMPLES, ReplayError, read, spaced
+from navsim.replays.recorded_flight import InertialLog, KnownStart, RecordedFlight
 from navsim.replays.result_groups import (
     DILUTION,
     write_aids,
@@ -129,7 +131,7 @@ class Recording:
     ranges: Ranges | None
     recorded: tuple[float, float]
     search: aligning.Search
-    known: replay.KnownStart | None
+    known: KnownStart | None
     not_judged: tuple[str, ...] = ()
     warnings: list[str] = field(default_factory=list)
     reference: tuple[np.ndarray, np.ndarray] | None = None
@@ -172,7 +174,7 @@ class Recording:
             kind=kind,
             sensors=sensors,
             velocity=True,
-            latency=float(latency) + replay.waiting(float(latency), lag),
+            latency=float(latency) + recorded_flight.waiting(float(latency), lag),
             lever_arm=settings[LEVER_ARM],
             sigma_scale=1.0,
             gate=gate_limits(gate.probability),
@@ -240,7 +242,7 @@ class Recording:
         given = self.scenario.gnss.velocity_latency_s
         return float(settings[VELOCITY_LAG] if given is None else given - settings[LATENCY])
 
-    def flight(self, settings: np.ndarray, coarse: bool = False) -> replay.RecordedFlight:
+    def flight(self, settings: np.ndarray, coarse: bool = False) -> RecordedFlight:
         """The increments and fixes after the alignment, for values of `tuned`; coarse: for the tuning."""
         ranges = self.ranges if self.tight else None
         patience = self.scenario.filter.gate.restart_s
@@ -253,13 +255,13 @@ class Recording:
         aids = () if coarse else self.aids
         if self.scenario.heading is not None and self.headings is not None:
             aids = (*aids, heading_aid(self.headings, self.scenario.heading, settings[HEADING_RATIO]))
-        flight = replay.prepare(
+        flight = recorded_flight.prepare(
             self._coarse if coarse else self._sensed, fixes, self.alignment, settings[LATENCY], ranges,
             self._realigned, patience, self.known, self.velocity_lag(settings),
         )  # fmt: skip
         return replace(flight, aids=aids)
 
-    def of_rejected(self, settings: np.ndarray, flight: replay.RecordedFlight) -> np.ndarray:
+    def of_rejected(self, settings: np.ndarray, flight: RecordedFlight) -> np.ndarray:
         """Contribution of each rejected fix of a flight (m,), or of any range (), to the tuning.
 
         It equals that of a fix at the limit of the gate, with its own noise or, without one, that of `settings`.
@@ -297,16 +299,16 @@ class Recording:
         return moving_speed(flight.speed, not np.isfinite(flight.velocity[:, :2]).any())
 
     @cached_property
-    def _coarse(self) -> replay.InertialLog:
+    def _coarse(self) -> InertialLog:
         """The increments that a tuning flies hundreds of times: by fewer of them it finds the same within its
         tolerance."""
-        return replay.coarser(self._sensed, TUNING_INTERVAL)
+        return recorded_flight.coarser(self._sensed, TUNING_INTERVAL)
 
     @cached_property
-    def _sensed(self) -> replay.InertialLog:
+    def _sensed(self) -> InertialLog:
         """The increments, which no setting changes."""
         averaged = self.scenario.imu.samples != "instantaneous"
-        return replay.increments(self.samples, self.alignment.time, self.longest_gap, averaged)
+        return recorded_flight.increments(self.samples, self.alignment.time, self.longest_gap, averaged)
 
 
 def prepare(scenario: Replay, document: Document) -> Recording:
@@ -450,7 +452,7 @@ def _with_effects(fixes: Fixes, errors: Sequence[FixError]) -> Fixes:
     return replace(fixes, effect=np.concatenate(parts, axis=2))
 
 
-def _known_start(section: KnownSection) -> replay.KnownStart:
+def _known_start(section: KnownSection) -> KnownStart:
     """The state of the navigation that a log gives."""
     navigation = np.zeros(states.NAV_N)
     navigation[states.NAV_LLH : states.NAV_VEL] = section.lat_deg * DEG, section.lon_deg * DEG, section.height_m
@@ -461,7 +463,7 @@ def _known_start(section: KnownSection) -> replay.KnownStart:
     navigation[states.NAV_ACCEL : states.NAV_N] = np.array(section.accelerometer_bias_mg) * MG
     attitude_sigma = np.array(section.attitude_sigma_deg) * DEG
     sigma = np.concatenate([section.position_sigma_m, section.velocity_sigma_m_s, attitude_sigma])
-    return replay.KnownStart(section.time_s, navigation, sigma)
+    return KnownStart(section.time_s, navigation, sigma)
 
 
 def _align(search: aligning.Search, samples: Samples, fixes: Fixes, first: float) -> aligning.Alignment:

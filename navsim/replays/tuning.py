@@ -17,6 +17,7 @@ from navsim.filter.measurement_kinds import HEADING
 from navsim.filter.records import REJECTED, TFG, USED
 from navsim.replays import flight as replay
 from navsim.replays.motion import in_motion, lag1_correlation
+from navsim.replays.recorded_flight import RecordedFlight
 from navsim.results.findings import CONSISTENT, Finding
 from navsim.runner.statistics import gate_limits
 from navsim.scenario.base import FIX_LATENCIES
@@ -67,6 +68,8 @@ MOST_DAMPED = 100.0
 """Damping from which on no step gains."""
 WORTH = 0.5
 """Gain of log-likelihood that a damped step, or a search in a trust region, has to bring for the search to go on."""
+GOOD_REJECTED = 1e-3
+"""Share of good fixes that the gate rejects at most."""
 REGION, ROUND = (0.7, 0.02), 200
 """Radius of the trust region at begin and end, and the largest number of flights of one search in it."""
 VAGUE = 0.01
@@ -171,7 +174,7 @@ class _Evaluation:
         return np.asarray(both @ both.T)
 
 
-def _of_headings(flight: replay.RecordedFlight, seen: replay.Replayed, moving: np.ndarray) -> list[np.ndarray]:
+def _of_headings(flight: RecordedFlight, seen: replay.Replayed, moving: np.ndarray) -> list[np.ndarray]:
     """Rows (k, 13) of `_Evaluation` of the measured headings in motion; moving: (m,) of the fixes."""
     out = []
     for aid, own in zip(flight.aids, seen.aids, strict=True):
@@ -262,9 +265,9 @@ class TuningSearch:
         converged.
 
         The method of scoring [2]: Newton steps, damped [3], with the expected second derivatives. These need first
-        derivatives of the innovations and their sigmas alone, by differences. The gate makes steps in the likelihood,
-        so derivatives keep the parts of the flight and the rejected fixes, and after a step that rejects more fixes
-        another search begins from the start.
+        derivatives of the innovations and their sigmas alone, by differences: forward ones first, then central ones
+        of one sigma. The gate makes steps in the likelihood, so derivatives keep the parts of the flight and the
+        rejected fixes, and after a step that rejects clearly more fixes another search begins from the start.
         """
         from scipy.optimize import Bounds
 
@@ -277,28 +280,42 @@ class TuningSearch:
         longest = LONGEST_STEPS[free]
         x, damping = _searched(start)[free], 0.0
         now = first = self.evaluate(start)
+        fewest = int(now.rejected.sum())
         gradient, information = np.zeros(free.size), np.eye(free.size)
-        fresh = False
+        fresh = fine = False
         while self.flown + free.size < EVALUATIONS and damping < MOST_DAMPED:
             if not fresh:
-                steps = DIFFERENCES[free] * np.where(x + DIFFERENCES[free] > bounds[1], -1.0, 1.0)
-                gradient, information = self._derivatives(x, start, free, now, steps)
+                steps = DIFFERENCES[free]
+                if fine:
+                    steps = np.minimum(steps, np.sqrt(np.diag(np.linalg.inv(information))))
+                steps = steps * np.where(x + steps > bounds[1], -1.0, 1.0)
+                gradient, information = self._derivatives(x, start, free, now, steps, fine)
                 fresh = True
             step, inside = np.zeros(free.size), (x > bounds[0]) | (gradient < 0.0)
             inside &= (x < bounds[1]) | (gradient > 0.0)
             some = information[np.ix_(inside, inside)]
             step[inside] = -np.linalg.solve(some + damping * np.diag(np.diag(some)), gradient[inside])
-            if damping == 0.0 and -0.5 * float(gradient @ step) < CONVERGED:
+            due = -0.5 * float(gradient @ step) * (1.0 + damping)
+            if due < CONVERGED and fine:
                 return _settings(x, start, free), now, True
+            if due < CONVERGED:
+                fine, fresh = True, False
+                continue
             step /= max(1.0, float(np.max(np.abs(step) / longest)))
             trial = np.clip(x + step, *bounds)
             found = self.evaluate(_settings(trial, start, free))
             gain = now.surprise - found.surprise
-            if found.rejected.sum() > now.rejected.sum():
+            if found.rejected.sum() > fewest + GOOD_REJECTED * found.rejected.size:
                 return self._search_region(_searched(start)[free], first, start, free, Bounds(*bounds))
+            fewest = min(fewest, int(found.rejected.sum()))
             if gain > 0.0:
                 x, now, fresh = trial, found, False
-            damping = 0.0 if gain > WORTH else max(1.0, 5.0 * damping)
+            if gain > min(WORTH, 0.25 * due):
+                damping = 0.0
+            elif fine:
+                damping = max(1.0, 5.0 * damping)
+            else:
+                fine, fresh = True, False
         return self._search_region(x, now, start, free, Bounds(*bounds))
 
     def _search_region(
@@ -327,15 +344,20 @@ class TuningSearch:
         return _settings(x, start, free), now, converged
 
     def _derivatives(
-        self, x: np.ndarray, start: np.ndarray, free: np.ndarray, now: _Evaluation, steps: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """First and expected second derivatives (k,), (k, k) of the negative log-likelihood by the free settings."""
+        self, x: np.ndarray, start: np.ndarray, free: np.ndarray, now: _Evaluation, steps: np.ndarray,
+        central: bool = False,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """First and expected second derivatives (k,), (k, k) of the negative log-likelihood by the free settings, by
+        forward or by central differences."""
         moved = [self.evaluate(_settings(x + each, start, free), near=now) for each in np.diag(steps)]
         which, trust = _expected(self.recording)
         expected = np.zeros(SETTINGS)
         expected[which] = trust**-2
         information = now.information(moved, steps) + np.diag(VAGUE + expected[free])
         slopes = np.array([now.excess(each) for each in moved]) / steps
+        if central:
+            back = [self.evaluate(_settings(x - each, start, free), near=now) for each in np.diag(steps)]
+            return 0.5 * (slopes - np.array([now.excess(each) for each in back]) / steps), information
         return slopes - 0.5 * steps * np.diag(information), information
 
     def shown(self, best: np.ndarray, now: _Evaluation, free: np.ndarray) -> tuple[list[str], np.ndarray]:

@@ -18,6 +18,7 @@ from navsim.cli.main import app
 from navsim.formats.recorded_data import Samples
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
 from navsim.replays import flight as simulated
+from navsim.replays import recorded_flight
 from navsim.replays import study as replay
 from navsim.replays.findings import find_outliers
 from navsim.replays.page import replays
@@ -197,7 +198,7 @@ def test_a_filter_whose_attitude_is_lost_finds_it_again(tmp_path: Path, monkeypa
     attitude is searched anew."""
     truth = write_flight(tmp_path)
     without(tmp_path / "imu.csv", 42.0, 54.0)
-    monkeypatch.setattr(simulated, "SURVIVED", np.inf)
+    monkeypatch.setattr(recorded_flight, "SURVIVED", np.inf)
     monkeypatch.setattr(simulated, "noise_of", lambda flight, beliefs: beliefs.sensors.noise[None])
     result = flown(tmp_path / "log.yaml", *GIVEN)
     assert result["/lost/start"].size >= 1

@@ -11,7 +11,7 @@ from navsim.formats.recorded_data import Fixes, Headings, Samples
 from navsim.geodesy.attitude import dcm_from_quaternion, dcm_from_rpy, quaternion_from_dcm, roll_pitch_yaw
 from navsim.replays import study
 from navsim.replays.aids import OwnNoise, pieces_at_rest
-from navsim.replays.alignment import Alignment, turned_to
+from navsim.replays.alignment import Alignment, axis_later, turned_to
 from navsim.replays.findings import warn_of_headings
 from navsim.replays.flight import within_outages
 from navsim.results.result import Result
@@ -62,14 +62,14 @@ def test_an_update_by_a_heading_is_that_of_bayes() -> None:
     headings = Headings(np.zeros(1), np.zeros(1), np.ones(1), axis, 0.05)
     u = turn @ axis
     at = float(np.arctan2(u[1], u[0]))
-    after = turned_to(found, headings, (at + 0.02, 0.03))
+    after = turned_to(found, headings, (at + 0.02, 0.03, 0.0))
     h = np.array([-u[0] * u[2], -u[1] * u[2], 1.0 - u[2] ** 2]) / (1.0 - u[2] ** 2)
     noise = 0.03**2 + 0.05**2
     expected = np.linalg.inv(np.linalg.inv(prior) + np.outer(h, h) / noise)
     np.testing.assert_allclose(after.covariance, expected, rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(after.by_heading, expected @ h / noise, rtol=1e-9)
     unknown = Alignment(0.0, found.quaternion, np.diag([1e-4, 1e-4, 1e4]), np.zeros(3), np.zeros(3), 0.0, 0.0)
-    turned = dcm_from_quaternion(turned_to(unknown, headings, (at + 2.5, 0.03)).quaternion) @ axis
+    turned = dcm_from_quaternion(turned_to(unknown, headings, (at + 2.5, 0.03, 0.0)).quaternion) @ axis
     away = np.angle(np.exp(1j * (np.arctan2(turned[1], turned[0]) - at - 2.5)))
     assert abs(away) < 1e-4
 
@@ -77,9 +77,21 @@ def test_an_update_by_a_heading_is_that_of_bayes() -> None:
 def test_an_alignment_takes_a_heading_that_the_filter_does_not_take_again() -> None:
     """Not one after its time, nor an old one."""
     headings = Headings(np.array([0.0, 1.0]), np.array([0.5, 0.7]), np.array([0.1, 0.2]), np.array([1.0, 0.0, 0.0]))
-    assert headings.at(0.9) == (0.5, 0.1)
-    assert headings.at(1.0) == (0.7, 0.2)
+    assert headings.at(0.9) == (0.5, 0.1, 0.0)
+    assert headings.at(1.0) == (0.7, 0.2, 1.0)
     assert headings.at(-0.1) is headings.at(2.1) is None
+
+
+def test_a_heading_before_the_start_turns_with_the_body() -> None:
+    """The axis stays in space while the body rolls and turns."""
+    trajectory, bias = quadrotor(), np.array([0.01, -0.02, 0.03])
+    samples, _ = record(trajectory, 5, rate=100.0, gyro_bias=0.0, gyro_noise=0.0)
+    samples.rate[:] += bias
+    before, after = trajectory.motion(np.array([35.0, 36.0])).c_nb
+    axis = np.array([0.6, 0.8, 0.0])
+    later = axis_later(axis, samples, 35.0, 36.0, bias)
+    assert np.linalg.norm(before @ axis - after @ axis) > 0.3
+    np.testing.assert_allclose(after @ later, before @ axis, atol=2e-4)
 
 
 def test_rest_is_what_the_samples_show() -> None:
