@@ -47,7 +47,8 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "37.01}], rate_hz: 20, sigma_m: 0.1, weak_sigma_m: 0.3, bias_sigma_m: 0.1, growth_m: 0.3, growth_sigma_m: "
             "0.1, survey_sigma_m: 0.05, eirp_dbm: 14, sensitivity_dbm: -97, carrier_mhz: 868, long_share: 0.02, "
             "long_m: 2, outlier_share: 0.01, outlier_sigma_m: 5, bandwidth_mhz: 0.5, noise_figure_db: 5, "
-            "clock: {}}",
+            "clock: {}, air: {truth_refractivity_n: 340, correction: refractivity, corrected_refractivity_n: 315, "
+            "refractivity_sigma_n: 45}}",
             "azimuth_station={preset: mls, beyond_m: 3000, half_width_m: 300, off_s: [[10, 20]], faults: [{at_s: 40, "
             "until_s: 60, rate_m_s: 0.5}]}",
             "elevation_station={preset: mls, faults: [{at_s: 40, until_s: 60, error_deg: 0.3}]}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -203,6 +204,15 @@ def beacon_warnings(geometry: BeaconGeometry, glide: np.ndarray) -> list[str]:
     for name, times in zip(names, geometry.received.T, strict=True):
         if not times.any():
             out.append(f"beacons: {name} is never received: it is out of reach, beyond the horizon or behind terrain")
+    far = np.where(geometry.received, np.linalg.norm(geometry.away, axis=2), 0.0).max(initial=0.0)
+    its, assumed = geometry.sensor, geometry.sensor.design
+    drawn = 1e-6 * its.air_sigma * float(far)
+    needed = math.hypot(its.true_errors.bias, drawn)
+    if drawn > 0.5 * math.hypot(assumed.errors.bias, assumed.sigma) and assumed.errors.bias < 0.99 * needed:
+        out.append(
+            f"beacons.air: its drawn part reaches {digits(drawn)} m (1 sigma) at {digits(far)} m, and the filter has "
+            f"no state for it: its sigma is too small; set filter.beacons.bias_sigma_m to {digits(needed)}"
+        )
     if not glide.any():
         return out
     vdop = geometry.dop[glide, 2]

@@ -200,7 +200,7 @@ PARTS: tuple[tuple[tuple[str, ...], Applies], ...] = (
     (_HEIGHTS, _has(*_ALTIMETERS)),
     (("Fresnel coefficients of the ground", "two rays over flat ground", "code error of a short reflection"),
      _has("pseudolites.multipath")),
-    (("air on the paths of pseudolites",), _has("pseudolites.air")),
+    (("air on the paths of pseudolites",), _has("pseudolites.air", "beacons.air")),
     (("losses by pulses", "pulsed pseudolites", "distance within which a pseudolite costs satellites"),
      _has("interference.pseudolites")),
     (("SBAS protection levels", "GBAS factors", "GBAS protection levels"), _has("integrity.comparison")),

@@ -12,7 +12,7 @@ from navsim.scenario.aiding_sensors import AidingSection, FilterAidingSection, L
 from navsim.scenario.base import DEG, ListOf, NonNegative, Section, Sigma, Signed, Triple, reject
 from navsim.scenario.events import SpoofSection
 from navsim.scenario.presets import BEACON_LACKS, BEACON_PRESETS
-from navsim.scenario.pseudolites import Site
+from navsim.scenario.pseudolites import GroundAirSection, Site
 from navsim.scenario.signals import ClockNoise, Gain
 from navsim.scenario.terrain import terrain_of
 
@@ -58,6 +58,15 @@ class BeaconClock(ClockNoise):
         return TransmitterErrors(
             offset=SPEED_OF_LIGHT * offset, rate=SPEED_OF_LIGHT * rate, density=self.densities()
         )
+
+
+class BeaconAir(GroundAirSection):
+    """Delay by the air between beacons and the aircraft; refractivity falls with height by the reference atmosphere of
+    ITU-R P.453."""
+
+    refractivity_sigma_n: Annotated[float, Field(ge=0.0, le=200.0)] = 0.0
+    """1 sigma of the true refractivity at the runway from run to run, the same for all beacons; 30 to 60 from day to
+    day. The filter has no state for it: enlarge filter.beacons.bias_sigma_m"""
 
 
 class BeaconsSection(AidingSection):
@@ -117,6 +126,8 @@ class BeaconsSection(AidingSection):
     clock: BeaconClock | None = None
     """the receiver's clock: ranges are then one-way, on a time base common to the beacons, which send in turn; null:
     two-way"""
+    air: BeaconAir | None = None
+    """delay by the air; null: ranges arrive without delay"""
     latency_s: Late = 0.0
     """time from a measurement to its arrival"""
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
@@ -183,6 +194,9 @@ class BeaconsSection(AidingSection):
             raise reject("method rare does not push this clock; use method monte-carlo", "beacons", "clock")
         if self.clock is None and landing.filter.beacons.clock is not None:
             raise reject("two-way ranges have no clock; give beacons.clock, too", "filter", "beacons", "clock")
+        if landing.watches_filter and self.air is not None and self.air.refractivity_sigma_n:
+            text = "lasts, and the filter's levels take errors for independent in time; use 0"
+            raise reject(text, "beacons", "air", "refractivity_sigma_n")
         self._check_events(landing)
         self._check_jammers(landing)
         its = landing.filter.beacons
@@ -324,6 +338,8 @@ class BeaconsSection(AidingSection):
             functools.partial(terrain_of, landing.terrain), np.array(self.lever_arm_m), self.errors(),
             self.outliers(), assumed, self.happenings(landing), self.jamming(landing),
             None if self.clock is None else self.clock.model(),
+            None if self.air is None else self.air.model(runway.ellipsoidal_m),
+            0.0 if self.air is None else self.air.refractivity_sigma_n,
         )  # fmt: skip
 
     def jamming(self, landing: Landing) -> LinkJamming | None:

@@ -26,6 +26,7 @@ from navsim.gnss.interference.horizon import Terrain, behind, horizon_distance
 from navsim.gnss.interference.jamming import LinkJamming
 from navsim.gnss.pseudolite import runway_position
 from navsim.gnss.pseudolite_clock import TransmitterErrors, WanderingClocks
+from navsim.gnss.signal_errors import GroundAir
 from navsim.sensors.aiding import AidingSensor, SensorError
 from navsim.statistics.random_streams import branch
 from navsim.trajectory.kinematics import Frame, Moving
@@ -157,6 +158,10 @@ class Beacons(AidingSensor):
     """Jammers that reach the links, None without."""
     true_clock: TransmitterErrors | None = None
     """Errors of the receiver's clock against the beacons' time in one-way ranges; None for two-way ranges."""
+    air: GroundAir | None = None
+    """Residual delay by the air, None for none."""
+    air_sigma: float = 0.0
+    """1 sigma of the refractivity from run to run, N-units."""
     weakened: np.ndarray | None = None
     """(m,) factor on the noise of weak signals by jammers along the route; None without."""
 
@@ -260,7 +265,14 @@ class Beacons(AidingSensor):
         (away, received), of = self.away(flight, time), (np.arange(time.size), self.beacon_at(time))
         distance, its = np.linalg.norm(away[of], axis=1), self.true_errors
         longer = self._happened(time, self.antenna(flight, time), away).longer[of] if self.events else 0.0
+        if self.air is not None:
+            longer = longer + self._delay(self.air, flight, time, distance)
         return np.where(received[of], distance + its.growth * its.grown(distance) + longer, np.nan)[:, None]
+
+    def _delay(self, air: GroundAir, flight: Moving, time: np.ndarray, distance: np.ndarray) -> np.ndarray:
+        """Delay (m,) by the air, m, over distances (m,) to the beacons asked at times (m,), s."""
+        heights = self.positions(flight.frame)[self.beacon_at(time), 2]
+        return air.delay(llh_from_ecef(self.antenna(flight, time))[:, 2], heights, distance)
 
     def noise_sigma(self, exact: np.ndarray) -> np.ndarray:
         """1 sigma (m, 1) of the white noise, m; that of a strong signal where it measures nothing."""
@@ -300,16 +312,19 @@ class Beacons(AidingSensor):
         its = self.design
         mine = self.sigma, self.weak_sigma, self.latency, self.true_errors, self.true_clock
         same = mine == (its.sigma, its.weak_sigma, its.latency, its.errors, its.clock)
-        same &= self.outliers == Outliers() and all(isinstance(event.what, Silence) for event in self.events)
+        same &= self.air is None and self.outliers == Outliers()
+        same &= all(isinstance(event.what, Silence) for event in self.events)
         return same and np.array_equal(self.lever_arm, its.lever_arm)
 
     @property
     def errors(self) -> tuple[SensorError, ...]:
-        """The errors of each beacon that last over a run: bias, its growth, and survey along north, east and down."""
+        """The errors of each beacon that last over a run: bias, its growth, and survey along north, east and down; then
+        the air and the clock of all."""
         own = zip(_SOURCES, self.true_errors.sigma, strict=True)
         each = [SensorError(name, sigma, math.inf) for name, sigma in own]
+        air = [SensorError("air", self.air_sigma, math.inf)] if self.air_sigma else []
         clock = [] if self.true_clock is None else [SensorError("clock", self.true_clock.offset, math.inf)]
-        return (*each * len(self.names), *clock)
+        return (*each * len(self.names), *air, *clock)
 
     def effects(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, ...]:
         """Derivatives (m, 1, 1) of the ranges by each of these errors."""
@@ -326,7 +341,11 @@ class Beacons(AidingSensor):
             for beacon in range(len(self.names))
             for k in range(BEACON_STATES)
         )
-        return (*of_beacons, *([] if self.true_clock is None else [np.ones((asked.size, 1, 1))]))
+        common = [] if self.true_clock is None else [np.ones((asked.size, 1, 1))]
+        if self.air is not None and self.air_sigma:
+            of_one_unit = replace(self.air, truth=1.0, corrected=0.0)
+            common.insert(0, self._delay(of_one_unit, flight, time, distance)[:, None, None])
+        return (*of_beacons, *common)
 
     @property
     def mean_errors(self) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import simpson
 
 from navsim.filter import eskf, states
 from navsim.filter.measurement_kinds import BEACON, Measurements
@@ -334,6 +335,30 @@ def test_a_key_of_the_filters_clock_leaves_the_others_as_those_of_the_receiver()
     clock = mine.beacons.assumed(mine).clock
     assert (clock.offset_sigma_us, clock.h0, clock.drift_sigma_ppb) == (2.0, 3e-19, 5.0)
     assert mine.beacons.clock.drift_sigma_ppb == 100.0
+
+
+def test_air_delays_ranges_by_its_refractivity_which_each_run_draws() -> None:
+    """The integral of the reference atmosphere along the path, for truth minus correction; the drawn part is one
+    number for all beacons of a run, the covariance analysis counts it, and a large one is warned of."""
+    air = "air: {truth_refractivity_n: 340, correction: refractivity, corrected_refractivity_n: 315%s}"
+    (_, bare, _), (of, aid, sensor) = flown(), flown(air % ", refractivity_sigma_n: 150")
+    llh, antenna = sensor.positions(aid.frame), sensor.antenna(of.trajectory, aid.time)
+    for row in (0, 100):
+        path = ecef_from_llh(llh[row % 3]) - antenna[row]
+        share = np.linspace(0.0, 1.0, 101)
+        above = llh_from_ecef(antenna[row] + share[:, None] * path)[:, 2] - of.scenario.runway.ellipsoidal_m
+        delay = 1e-6 * np.linalg.norm(path) * simpson(np.exp(-above / 7350.0), x=share)
+        # the straight path sags below that over heights by 1e-5 of the delay
+        assert aid.exact[row, 0] - bare.exact[row, 0] == pytest.approx(25.0 * delay, rel=1e-4)
+        assert aid.effects[-1][row, 0, 0] == pytest.approx(delay, rel=1e-4)
+    assert [error.name for error in sensor.errors].count("air") == 1
+    drawn = [(aid.measured(5, run) - bare.measured(5, run) - aid.exact + bare.exact) / aid.effects[-1][:, 0]
+             for run in range(60)]  # fmt: skip
+    assert np.ptp(drawn, axis=1).max() < 1e-4
+    assert np.std([each[0] for each in drawn]) == pytest.approx(150.0, rel=0.3)
+    assert any(text.startswith("beacons.air: its drawn part reaches") for text in of.warnings)
+    with pytest.raises(InputError, match=r"beacons\.air\.refractivity_sigma_n: lasts"):
+        scenario(section(air % ", refractivity_sigma_n: 150"), "integrity={method: filter}")
 
 
 def test_keys_beside_a_preset_replace_its_values() -> None:

@@ -99,6 +99,7 @@ WITHOUT_UNIT = {
     "p_pseudolite", "p_beacon", "prior", "probability", "confidence", "at_most", "at_least", "availability", "share",
     "long_share",
     "outlier_share", "loss", "truth_refractivity_n", "corrected_refractivity_n",
+    "refractivity_sigma_n",
     "band", "duty", "sigma_share", "height_sigma_share", "load_factor", "load_factor_limit", "bearing_year",  # of one
     "exponent", "damping", "glide_full_scale", "within",  # parts of a scale
     "fixed", "float", "differential", "single", "wrong",  # shares of the states of a fix
