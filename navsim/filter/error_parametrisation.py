@@ -12,6 +12,8 @@ Charts of Lie groups rotate position and velocity errors with attitude errors, e
 - 2: velocities do not rotate either. Otherwise a velocity correction due to noise would count as information about
   heading (`steady_force`). `left-invariant` keeps its chart, since it would equal `eskf` otherwise.
 
+`products` is the first state of the products of the position error (`error_products`), 0 without.
+
 Source: `docs/theory/filter.md`, sections 4 to 6.
 """
 
@@ -24,9 +26,10 @@ import numpy as np
 from navsim.compiler.jit import in_kernels
 from navsim.compiler.linear import copy
 from navsim.filter import eskf, left_invariant, tfg
-from navsim.filter.measurement_kinds import AZIMUTH, BEACON, DISTANCE, ELEVATION, FIX, RANGE, SOURCE
+from navsim.filter.measurement_kinds import AZIMUTH, BEACON, DISTANCE, ELEVATION, FIX, PRODUCT, RANGE, SOURCE
 from navsim.filter.measurement_models import hard_iron
 from navsim.filter.records import CONSTRAINED, ESKF, GAUSSIAN_SUM, LEFT_INVARIANT, TFG, FilterModel
+from navsim.filter.states import SENSORS
 
 
 class Eskf(NamedTuple):
@@ -35,6 +38,7 @@ class Eskf(NamedTuple):
     kind: int = ESKF
     straight: int = 0
     body: int = 0
+    products: int = 0
 
 
 class LeftInvariant(NamedTuple):
@@ -43,6 +47,7 @@ class LeftInvariant(NamedTuple):
     kind: int = LEFT_INVARIANT
     straight: int = 0
     body: int = 0
+    products: int = 0
 
 
 class Tfg(NamedTuple):
@@ -51,6 +56,7 @@ class Tfg(NamedTuple):
     kind: int = TFG
     straight: int = 0
     body: int = 0
+    products: int = 0
 
 
 class GaussianSum(NamedTuple):
@@ -59,6 +65,7 @@ class GaussianSum(NamedTuple):
     kind: int = GAUSSIAN_SUM
     straight: int = 0
     body: int = 0
+    products: int = 0
 
 
 CHARTS: dict[int, Eskf | LeftInvariant | Tfg | GaussianSum] = {
@@ -76,9 +83,10 @@ PLAIN = CHARTS[ESKF]
 def chart_of(model: FilterModel) -> Eskf | LeftInvariant | Tfg | GaussianSum:
     """Chart of a filter."""
     plain = model.steady_force and model.kind in (TFG, GAUSSIAN_SUM)
-    summed = (FIX, RANGE, SOURCE, BEACON, AZIMUTH, ELEVATION, DISTANCE)
-    straight = 2 if plain else int(np.isin(model.declared["triad"], summed).any())
-    return CHARTS[model.kind]._replace(straight=straight, body=int(hard_iron(model.declared)))
+    summed, triad = (FIX, RANGE, SOURCE, BEACON, PRODUCT, AZIMUTH, ELEVATION, DISTANCE), model.declared["triad"]
+    straight = 2 if plain else int(np.isin(triad, summed).any())
+    products = SENSORS + int(np.argmax(triad == PRODUCT)) if (triad == PRODUCT).any() else 0
+    return CHARTS[model.kind]._replace(straight=straight, body=int(hard_iron(model.declared)), products=products)
 
 
 def rotate_bias_frame(chart, nav, p, increments, dt):

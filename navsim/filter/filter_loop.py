@@ -24,10 +24,11 @@ from navsim.compiler.lanes import alloc, any_lane, as_simd, borrowed, keep, smal
 from navsim.compiler.linear import copy, copy_matrix
 from navsim.filter.covariance import NOISE_ACCEL, NOISE_GYRO, gain_by_factor, innovation_factor, is_varying, predict
 from navsim.filter.error_parametrisation import rotate_bias_frame
+from navsim.filter.error_products import grow_products, hold_position, start_products
 from navsim.filter.first_estimates import note_shift, start_transition
 from navsim.filter.history import as_error_registers, as_registers, clear_event, write_output
 from navsim.filter.interval import LONGEST, StepSums, accumulate_markov, add_step, allocate_sums, reset_sums, transition
-from navsim.filter.measurement_kinds import RANGE
+from navsim.filter.measurement_kinds import BEACON, RANGE
 from navsim.filter.measurement_models import hard_iron, observe, slot
 from navsim.filter.outliers import excess, expects_outliers, is_lost, widen
 from navsim.filter.range_update import (
@@ -276,13 +277,14 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
     rejections = alloc(state_nav, (2, state_rejected.shape[0]))
     constrained, shift = chart.kind in CONSTRAINED, as_simd(state.shift)
     shifts, predicted = alloc(state_nav, (2, SHIFT_N)), alloc(state_nav, (state_nav.shape[0],))
+    held = alloc(state_nav, (3, 3))
     allocated = (
         account, buffers, space, epoch, navs, ps, increments_pair, cursors, v, variance, m_force, rejections, shifts,
-        predicted,
+        predicted, held,
     )  # fmt: skip
     (
         account, buffers, space, epoch, navs, ps, increments_pair, cursors, v, variance, m_force, rejections, shifts,
-        predicted,
+        predicted, held,
     ) = borrowed(allocated)  # fmt: skip
     copy(state_nav, navs[0])
     copy_matrix(state_p, ps[0])
@@ -294,6 +296,8 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
         start_axes(navs[0])
         start_mechanisation(imu, navs[0], declared, cursors[0], increments_pair[0])
         start_line(line, navs[0, NAV_VEL:NAV_QUAT], cursors[0, 1])
+        if chart.products > 0:
+            start_products(chart.products, navs[0], ps[0])
     before = 0
     for i in range(events.time.shape[0]):
         ahead = 1 if events.ahead[i] else 0
@@ -320,7 +324,11 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
                 begin_interval(line, v, variance, force_noise(model, cursor), cursor[1])
             if constrained:
                 start_transition(chart.kind, shifts[ahead], p)
+            if chart.products > 0:
+                hold_position(p, held)
             advance(chart, events.time[i], imu, model, nav, p, cursor, increments, space)
+            if chart.products > 0:
+                grow_products(chart.products, held, nav, p)
         if model.steady_force and not ahead and kind != OUTPUT and kind != PASS and is_interval_started(line):
             velocity_of(nav, p, v, variance)
             attitude = nav[NAV_QUAT:NAV_BIAS_FRAME]
@@ -351,7 +359,10 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
                 outliers = measurements.beacons.outliers
                 lost = is_lost(rejected[counter], outliers, model.max_rejected) & (degrees > 0.0)
                 if any_lane(lost):
+                    hold_position(p, held)
                     widen(p, lost, buffers.z[0], buffers.s[0, 0])
+                    if chart.products > 0:
+                        grow_products(chart.products, held, nav, p)
                     weighed = innovation_factor(p, buffers.h, buffers.r, m, buffers.pht, buffers.s) & (degrees > 0.0)
                     rejected[counter] = where(lost, 0.0, rejected[counter])
                 mean, buffers.spread[0], _, _, clean = excess(buffers.z[0], buffers.s[0, 0], outliers)
@@ -381,6 +392,8 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
                     )  # fmt: skip
                     if detect_clock_jumps(epoch.available, epoch.accepted, epoch.jumped):
                         reset_clock(epoch.jumped, p)
+            if chart.products > 0 and kind != RANGE and kind != BEACON:
+                start_products(chart.products, nav, p)
             if constrained:
                 note_shift(nav, predicted, buffers.x, shifts[ahead])
     copy(navs[0], state_nav)

@@ -35,6 +35,7 @@ from navsim.compiler.lanes import alloc, any_lane, as_simd, borrowed, keep, no, 
 from navsim.compiler.linear import cholesky, copy
 from navsim.filter import tfg
 from navsim.filter.covariance import gain, innovation_factor
+from navsim.filter.error_products import grow_products, hold_position, start_products
 from navsim.filter.filter_loop import (
     advance,
     force_noise,
@@ -44,7 +45,7 @@ from navsim.filter.filter_loop import (
     start_mechanisation,
 )
 from navsim.filter.history import as_error_registers, as_registers, clear_event, write_output
-from navsim.filter.measurement_kinds import RANGE
+from navsim.filter.measurement_kinds import BEACON, RANGE
 from navsim.filter.measurement_models import observe, slot
 from navsim.filter.mixture import (
     MIN_TURN,
@@ -262,7 +263,7 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
         alloc(state_nav, (most, n, MAX_MEASUREMENT_SIZE)),
     )
     squares, sizes, numbers = alloc(state_nav, (most,)), alloc(state_nav, (most,)), alloc(state_nav, (most,))
-    spreads = alloc(state_nav, (most,))
+    spreads, held = alloc(state_nav, (most,)), alloc(state_nav, (3, 3))
     there = alloc(state_nav, (MAX_MEASUREMENT_SIZE,))
     space, mixture_work = (
         propagation_buffers(state_nav, n, chart.straight, declared),
@@ -279,11 +280,11 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
     rejections, cursors, cursor = alloc(state_nav, (2, state_rejected.shape[0])), np.empty((2, 3)), np.empty(3)
     allocated = (
         account, buffers, zs, ss, phts, squares, sizes, numbers, spreads, there, space, mixture_work, epoch, late, v,
-        variance, m_force, turns, attitude, rejections, cursors, cursor,
+        variance, m_force, turns, attitude, rejections, cursors, cursor, held,
     )  # fmt: skip
     (
         account, buffers, zs, ss, phts, squares, sizes, numbers, spreads, there, space, mixture_work, epoch, late, v,
-        variance, m_force, turns, attitude, rejections, cursors, cursor,
+        variance, m_force, turns, attitude, rejections, cursors, cursor, held,
     ) = borrowed(allocated)  # fmt: skip
     copy(state_rejected, rejections[0])
     copy(stream.cursor, cursors[0])
@@ -291,6 +292,8 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
         for j in range(count_components(own.weight)):
             start_axes(own.navigation[j])
             start_mechanisation(imu, own.navigation[j], declared, cursors[0], own.increments[j])
+            if chart.products > 0:
+                start_products(chart.products, own.navigation[j], own.covariance[j])
         start_line(line, own.navigation[0, NAV_VEL:NAV_QUAT], cursors[0, 1])
     before = 0
     for i in range(events.time.shape[0]):
@@ -319,10 +322,14 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
             for j in range(count):
                 copy(cursors[ahead], cursor)
                 copy(now.navigation[j, NAV_QUAT:NAV_BIAS_FRAME], attitude)
+                if chart.products > 0:
+                    hold_position(now.covariance[j], held)
                 advance(
                     chart, events.time[i], imu, model, now.navigation[j], now.covariance[j], cursor, now.increments[j],
                     space,
                 )  # fmt: skip
+                if chart.products > 0:
+                    grow_products(chart.products, held, now.navigation[j], now.covariance[j])
                 _set_bias_axes(
                     now.navigation[j], now.covariance[j], attitude, cursor[1] - cursors[ahead, 1], space.c_nb
                 )
@@ -365,7 +372,10 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
                 if expects_outliers(kind, measurements):
                     lost = is_lost(rejected[counter], measurements.beacons.outliers, model.max_rejected)
                     if any_lane(lost):
+                        hold_position(now.covariance[j], held)
                         widen(now.covariance[j], lost, zs[j, 0], ss[j, 0, 0])
+                        if chart.products > 0:
+                            grow_products(chart.products, held, nav, now.covariance[j])
                         good = innovation_factor(now.covariance[j], buffers.h, buffers.r, m, phts[j], ss[j])
                 copy(zs[j], buffers.z)
                 square = whitened_square(ss[j], buffers.z, m)
@@ -418,6 +428,8 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
                     update(
                         chart, used, kind, row, measurements, declared, nav, p, increments, cursor[2], space, buffers
                     )  # fmt: skip
+                    if chart.products > 0 and kind != BEACON:
+                        start_products(chart.products, nav, p)
             update_weights(used, weight, squares, sizes)
             if kind == RANGE:
                 count_range(measurements.ranges, row, i - first, weighed, used, epoch)

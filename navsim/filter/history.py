@@ -19,6 +19,7 @@ from navsim.compiler.lanes import alloc, as_simd, where
 from navsim.compiler.linear import copy, copy_matrix
 from navsim.filter.covariance import normalised_square
 from navsim.filter.error_parametrisation import error_of_output
+from navsim.filter.error_products import FIRST, SECOND
 from navsim.filter.eskf import plain_error
 from navsim.filter.records import NOT_USED, REJECTED, USED, History, OutputErrors, Truth
 from navsim.filter.states import ATT, MAX_MEASUREMENT_SIZE, POS
@@ -77,6 +78,9 @@ def _write_errors(chart, nav, p, record, row):
     n = p.shape[0]
     error = out.error[row]
     plain_error(truth.llh[row], truth.velocity[row], truth.quaternion[row], truth.sensors[row], nav, error)
+    if chart.products > 0:
+        for a in range(len(FIRST)):
+            error[chart.products + a] += error[POS + FIRST[a]] * error[POS + SECOND[a]]  # the truth
     error_of_output(chart, nav, error, filter_error)
     for i in range(n):
         record.sigma[row, i] = math.sqrt(p[i, i])

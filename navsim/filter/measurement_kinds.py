@@ -33,6 +33,8 @@ AZIMUTH, ELEVATION, DISTANCE = 11, 12, 13
 """Kinds of the measurements of ground stations: two angles and a range [7]."""
 HEADING, VEHICLE_VELOCITY, REST_RATE = 14, 15, 16
 """Kinds of headings, of velocities along the axes of a vehicle, and of the gyros' readings at rest [8]."""
+PRODUCT = 17
+"""Kind of the states that are products of the position error (`error_products`), of no measurement."""
 KIND_COUNT = 1 + REST_RATE
 """Slots of the other kinds, see `measurement_models.slot`. Slots of ranges follow, one for each beacon, then one for
 each source."""

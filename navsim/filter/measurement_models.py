@@ -25,6 +25,7 @@ import math
 from navsim.compiler.elementary import atan2, exp_of_negative, sincos_of_latitude
 from navsim.compiler.jit import kernel, kernel_inline
 from navsim.compiler.lanes import any_lane, as_simd, no, small_matrix, small_vector, where
+from navsim.filter.error_products import FIRST, SECOND
 from navsim.filter.measurement_kinds import (
     ABOVE_GROUND,
     ALTITUDE,
@@ -39,6 +40,7 @@ from navsim.filter.measurement_kinds import (
     MAGNETIC,
     PRESSURE,
     PROBE,
+    PRODUCT,
     RANGE,
     REST_RATE,
     SOURCE,
@@ -339,6 +341,11 @@ def _beacon(nav, declared, c_nb, table, row, z, h):
     for c in range(declared.shape[0]):
         if declared[c].triad == BEACON and declared[c].axis % BEACON_STATES > 1:
             h[0, SENSORS + c] *= steeper
+        elif declared[c].triad == PRODUCT:
+            i, j = FIRST[declared[c].axis], SECOND[declared[c].axis]
+            bent = (steeper / distance + (steeper - 1.0) * (1.0 / table.growth_distance)) * u[i] * u[j]
+            h[0, SENSORS + c] = 0.5 * (steeper / distance - bent) if i == j else -bent
+            z[0] -= h[0, SENSORS + c] * nav[NAV_SENSORS + c]
     for i in range(3):
         h[0, POS + i] = -steeper * u[i]
         # r_antenna = r + C l: a' (theta x l) = (l x a)' theta

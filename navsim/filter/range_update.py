@@ -22,6 +22,7 @@ from navsim.compiler.lanes import alloc, any_lane, no, where
 from navsim.compiler.linear import copy, copy_matrix
 from navsim.filter.covariance import gain, joseph
 from navsim.filter.error_parametrisation import correct, error_in_filter_coordinates, feed_back
+from navsim.filter.error_products import move_products, start_products
 from navsim.filter.eskf import between
 from navsim.filter.measurement_kinds import RANGE
 from navsim.filter.measurement_models import is_bent, observe
@@ -217,6 +218,8 @@ def apply_epoch(chart, mask, rows, measurements, declared, nav, p, increments, i
     copy(nav, buffers.nav)
     copy_matrix(epoch.prior[j], p)
     correct(chart, nav, p, x, space)
+    if chart.products > 0:
+        move_products(chart.products, x, False, nav, p)
     bent = some & (epoch.bent[j] > 0.0)
     if any_lane(bent):
         for _ in range(_MORE):
@@ -230,6 +233,8 @@ def apply_epoch(chart, mask, rows, measurements, declared, nav, p, increments, i
                 rows, measurements, declared, nav, epoch.p, x, increments, interval, epoch, space, buffers, True
             )  # fmt: skip
             correct(chart, nav, p, x, space)
+            if chart.products > 0:
+                move_products(chart.products, x, False, nav, p)
             copy_where_not(epoch.nav, bent, nav)
             for i in range(p.shape[0]):
                 copy_where_not(epoch.work[i], bent, p[i])
@@ -238,3 +243,5 @@ def apply_epoch(chart, mask, rows, measurements, declared, nav, p, increments, i
         copy_where_not(buffers.nav, some, nav)
         for i in range(p.shape[0]):
             copy_where_not(epoch.prior[j, i], some, p[i])
+    if chart.products > 0:
+        start_products(chart.products, nav, p)

@@ -14,8 +14,9 @@ from navsim.compiler.lanes import alloc, any_lane, no, small_vector, where
 from navsim.compiler.linear import copy, copy_matrix, solve_cholesky
 from navsim.filter.covariance import gain, joseph
 from navsim.filter.error_parametrisation import correct
+from navsim.filter.error_products import move_products
 from navsim.filter.history import record_decision, record_innovation, record_use
-from navsim.filter.measurement_kinds import PROBE
+from navsim.filter.measurement_kinds import BEACON, PROBE
 from navsim.filter.measurement_models import observe
 from navsim.filter.outliers import add_spread, expects_outliers
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
@@ -160,6 +161,8 @@ def update(chart, used, kind, row, measurements, declared, nav, p, increments, i
     # Gauss-Newton: the prior is transformed to the new estimate and updated there. The reverse order would keep the
     # correlations that J_l(theta) y gives the fix at the old one
     correct(chart, nav, p, buffers.x, space)
+    if chart.products > 0:
+        move_products(chart.products, buffers.x, kind == BEACON, nav, p)
     m = observe(
         kind,
         row,

@@ -433,6 +433,9 @@ class Landing(Section):
                 "method rare shifts sensor errors, not the trajectory; use method monte-carlo" + beside(air[1]),
                 *air[1][0],
             )
+        if self.beacons is not None and self.filter.beacons.second_order:
+            text = "the covariance analysis is linear: use method monte-carlo"
+            raise reject(text, "filter", "beacons", "second_order")
         if self.box is not None and self.box.error != "navigation":
             text = "the covariance analysis is of the route; use method monte-carlo, or `error: navigation`"
             raise reject(text, "box", "error")

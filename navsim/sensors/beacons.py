@@ -18,7 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from navsim.filter.measurement_kinds import BEACON, BEACON_STATES, BeaconTable
+from navsim.filter.error_products import FIRST, SECOND
+from navsim.filter.measurement_kinds import BEACON, BEACON_STATES, PRODUCT, BeaconTable
 from navsim.filter.states import Block, TransmitterClockModel
 from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.events import BEACONS, Event, EventEffects, Scene, Silence, happened
@@ -38,6 +39,8 @@ _STATES = ("bias", "bias_growth", "position", "position", "position")
 _SOURCES = ("bias", "bias_growth", "survey", "survey", "survey")
 """Name of each in the error budget."""
 _AXES = ("", "", "_north", "_east", "_down")
+_PRODUCTS = tuple(f"position_{'ned'[i]}{'ned'[j]}" for i, j in zip(FIRST, SECOND, strict=True))
+"""Names of the states of products of the position error."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +116,8 @@ class BeaconDesign:
     """Outliers of the filter's mixture; None: the gate alone."""
     clock: TransmitterErrors | None = None
     """Errors of the receiver's clock, None for two-way ranges."""
+    second_order: bool = False
+    """It estimates products of the position error (`filter.error_products`)."""
 
 
 @dataclass(frozen=True)
@@ -368,6 +373,8 @@ class Beacons(AidingSensor):
             model, first = TransmitterClockModel(*clock.density, 0.0), BEACON_STATES * len(self.names)
             out.append((Block(f"{self.name}_clock", "m", BEACON, first=first, size=1, clock=model), clock.offset))
             out.append((Block(f"{self.name}_clock_rate", "m/s", BEACON, first=first + 1, size=1), clock.rate))
+        if self.design.second_order:
+            out += [(Block(name, "m2", PRODUCT, first=k, size=1), 1.0) for k, name in enumerate(_PRODUCTS)]
         return tuple(out)
 
     def _states(self) -> Iterator[tuple[int, str, float]]:

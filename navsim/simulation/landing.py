@@ -18,9 +18,10 @@ import numpy as np
 from navsim.compiler.jit import kernel
 from navsim.compiler.lanes import WIDTH
 from navsim.filter import states
+from navsim.filter.error_products import FIRST
 from navsim.filter.estimate import fly as fly_filter
 from navsim.filter.estimate import in_all_lanes
-from navsim.filter.measurement_kinds import FIX, RANGE, SOURCE, FixTable, Measurements, RangeTable
+from navsim.filter.measurement_kinds import FIX, PRODUCT, RANGE, SOURCE, FixTable, Measurements, RangeTable
 from navsim.filter.records import (
     TIME_TOLERANCE,
     ErrorHistory,
@@ -162,6 +163,8 @@ def draw(
     if flight.transmitter_states is not None:
         true[SOURCE] = flight.transmitter_states.true_values(shared.filter_time, seed, runs, WIDTH)
     kinds = dict.fromkeys(block.triad for block in design.sensors.blocks if block.triad > states.ACCELEROMETERS)
+    if PRODUCT in kinds:
+        true[PRODUCT] = np.zeros((shared.filter_time.size, len(FIRST), WIDTH))  # outputs add those of the error
     sensors = np.concatenate([true[kind] for kind in (states.GYROS, *kinds)], axis=1)
     clock, sensors = _clock_states(flight, seed, runs, wandered, sensors)
     stated = None
