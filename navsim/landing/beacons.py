@@ -179,7 +179,7 @@ def second_order(geometry: BeaconGeometry, of_fix: np.ndarray) -> np.ndarray:
 def curvature_warnings(geometry: BeaconGeometry, of_fix: np.ndarray) -> list[str]:
     """Warning of ranges that the filter's linearisation falsifies, at epochs with a fix. of_fix: as of
     `second_order`."""
-    if not geometry.received.any():
+    if not geometry.received.any() or geometry.sensor.design.second_order:
         return []
     longer, sensor = second_order(geometry, of_fix), geometry.sensor
     distance = np.linalg.norm(geometry.away, axis=2)
@@ -192,7 +192,8 @@ def curvature_warnings(geometry: BeaconGeometry, of_fix: np.ndarray) -> list[str
         f"beacons: the filter takes ranges of {sensor.names[n]} as linear in the position error, which they are not: "
         f"at {digits(distance[e, n])} m, {abs(height):.0f} m {'above' if height > 0.0 else 'below'} it, they are "
         f"{digits(longer[e, n])} m off on average, {digits(ratio[e, n])} times their noise. So sigma may be far too "
-        "small. Check beacons.height_m; put beacons where they show the height, far above or below the path; or set "
+        "small. Set filter.beacons.second_order: true; check beacons.height_m; put beacons where they show the "
+        "height, far above or below the path; or set "
         f"filter.beacons.sigma_m to {digits(1.1 * longer[e, n] / CURVED, 2)}"  # more noise also leaves P larger
     ]
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from navsim.filter import states
-from navsim.filter.measurement_kinds import RANGE
+from navsim.filter.measurement_kinds import PRODUCT, RANGE
 from navsim.landing.case import Case
 from navsim.results.builder import ResultBuilder
 from navsim.runner.batches import Ensemble
@@ -50,6 +50,8 @@ def expected_ratios(case: Case, rms: np.ndarray, sigma: np.ndarray) -> Ratios:
 
 def _ratios(case: Case, z: np.ndarray, runs: int, correlation: np.ndarray) -> Ratios:
     known = np.where(case.uncertain, z, np.nan)
+    # not Gaussian; they enlarge the sigma of other states
+    known[:, states.SENSORS + np.flatnonzero(case.flight.model.declared["triad"] == PRODUCT)] = np.nan
     known[0, known[0] < EXACT_START] = np.nan
     return Ratios(case.shared.filter_time, case.states, known, runs, correlation)
 

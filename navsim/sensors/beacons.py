@@ -39,8 +39,8 @@ _STATES = ("bias", "bias_growth", "position", "position", "position")
 _SOURCES = ("bias", "bias_growth", "survey", "survey", "survey")
 """Name of each in the error budget."""
 _AXES = ("", "", "_north", "_east", "_down")
-_PRODUCTS = tuple(f"position_{'ned'[i]}{'ned'[j]}" for i, j in zip(FIRST, SECOND, strict=True))
-"""Names of the states of products of the position error."""
+_PRODUCTS = tuple(f"{_AXES[2 + i]}{_AXES[2 + j]}" for i, j in zip(FIRST, SECOND, strict=True))
+"""Axes of the products of the position error."""
 
 
 @dataclass(frozen=True)
@@ -374,7 +374,8 @@ class Beacons(AidingSensor):
             out.append((Block(f"{self.name}_clock", "m", BEACON, first=first, size=1, clock=model), clock.offset))
             out.append((Block(f"{self.name}_clock_rate", "m/s", BEACON, first=first + 1, size=1), clock.rate))
         if self.design.second_order:
-            out += [(Block(name, "m2", PRODUCT, first=k, size=1), 1.0) for k, name in enumerate(_PRODUCTS)]
+            each = (f"{self.name}_product{axes}" for axes in _PRODUCTS)
+            out += [(Block(name, "m2", PRODUCT, first=k, size=1), 1.0) for k, name in enumerate(each)]
         return tuple(out)
 
     def _states(self) -> Iterator[tuple[int, str, float]]:

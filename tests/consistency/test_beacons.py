@@ -70,6 +70,32 @@ def test_every_state_is_consistent(kind: str, coupling: str, runs: int, clock: b
     np.testing.assert_allclose(ratio, 1.0, atol=0.01)
 
 
+NEAR_ITS_HEIGHT = (
+    "beacons={sites: [{s_m: 80, l1_m: 150, height_m: 60}, {s_m: -80, l1_m: 150, height_m: 60}], rate_hz: 10, "
+    "range_limit_m: 3000, sigma_m: 0.03, bias_sigma_m: 0.1}", "signals.preset=open-sky", "pseudolites.count=0",
+)  # fmt: skip
+"""Two beacons whose ranges are not linear in an error of the height: at 500 m by 0.05 m on average."""
+
+
+@pytest.mark.parametrize(
+    ("kind", "coupling", "runs"),
+    in_brief([("eskf", "tight", 120), ("eskf", "loose", 1000), ("left-invariant", "loose", 500),
+              ("gaussian-sum", "tight", 500)], 0),
+)  # fmt: skip
+def test_ranges_that_are_not_linear(kind: str, coupling: str, runs: int) -> None:
+    """With products of the position error as states sigma is right; a linear filter believes the height twice too
+    well."""
+    settings = (*BRIEF, *NEAR_ITS_HEIGHT, f"filter.kind={kind}", f"filter.coupling={coupling}")
+    for second_order in ("true", "false"):
+        flown = case(*settings, f"filter.beacons.second_order={second_order}")
+        assert any("as linear" in text for text in flown.warnings) == (second_order == "false")
+        result = fly_all(flown, 31, 0, runs, threads())
+        z = np.sqrt(np.mean((result["error"] / result["sigma"])[:, 5:, :6] ** 2, axis=(0, 1)))
+        if second_order == "true":
+            assert np.abs(z - 1.0).max() < max(0.08, 2.5 / np.sqrt(2.0 * runs)), z.round(3)
+    assert z[2] > 1.6
+
+
 def test_they_hold_the_position_when_satellites_are_lost() -> None:
     """Sigmas at the end with and without beacons; a beacon without states for its bias believes itself too well."""
     lost = (*BRIEF, NO_SATELLITES, "filter.kind=eskf")

@@ -11,7 +11,8 @@ from scipy.integrate import simpson
 from scipy.stats import exponnorm, norm
 
 from navsim.filter import states
-from navsim.filter.measurement_kinds import BEACON, Measurements
+from navsim.filter.error_products import move_products, start_products
+from navsim.filter.measurement_kinds import BEACON, PRODUCT, Measurements
 from navsim.filter.measurement_models import observe
 from navsim.filter.outliers import excess
 from navsim.geodesy.earth import ecef_from_llh
@@ -119,6 +120,65 @@ def test_update_with_a_mixture(within: Within, mixture: tuple[float, ...]) -> No
         assert a - gain * a + gain**2 * spread == pytest.approx(second, rel=within["moments"])
         likelihood = math.exp(-0.5 * q) / size / math.sqrt(2.0 * math.pi)
         assert likelihood == pytest.approx(total, rel=within["moments"])
+
+
+def test_products_of_the_position_error() -> None:
+    """Covariance of products against drawn ones; a correction of the estimate against G P G'; second derivatives of a
+    range with a growing bias against differences of ranges."""
+    pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
+    rng, n, first = np.random.default_rng(8), states.SENSORS + 12, states.SENSORS + 6
+    root = rng.standard_normal((n, n))
+    p, nav = root @ root.T, np.zeros(states.NAV_SENSORS + 12)
+    p[first:, :3] = p[:3, first:] = 0.0
+    start_products(first, nav, p)
+    drawn = rng.multivariate_normal(np.zeros(3), p[:3, :3], 100_000)
+    products = np.array([drawn[:, i] * drawn[:, j] for i, j in pairs])
+    scale = np.sqrt(np.diag(p)[first:])
+    np.testing.assert_allclose(products.mean(axis=1), nav[-6:], atol=0.02 * scale.max())
+    np.testing.assert_allclose(np.cov(products) / np.outer(scale, scale), p[first:, first:] / np.outer(scale, scale),
+                               atol=0.03)  # fmt: skip
+    assert not p[first:, :first].any()
+
+    before, mean, x, g = root @ root.T, nav[-6:].copy(), rng.standard_normal(n), np.eye(n)
+    p = before.copy()
+    for row, (i, j) in enumerate(pairs):
+        g[first + row, i] -= x[j]
+        g[first + row, j] -= x[i]
+    move_products(first, x, True, nav, p)
+    np.testing.assert_allclose(p, g @ before @ g.T, rtol=1e-12, atol=1e-12 * np.abs(before).max())
+    np.testing.assert_allclose(nav[-6:], mean - [x[i] * x[j] for i, j in pairs], rtol=1e-12)
+
+    flown = case("duration_s=30", "receiver.rate_hz=1", "filter.kind=eskf", "filter.beacons.second_order=true",
+                 "beacons={sites: [{s_m: 60, l1_m: 2500, height_m: 90}], rate_hz: 6, sigma_m: 0.4, "
+                 "range_limit_m: 9000, bias_sigma_m: 0, growth_m: 3, growth_distance_m: 50}")  # fmt: skip
+    (aid,) = flown.shared.aids
+    tables, declared = Measurements.of({BEACON: aid.table(aid.measured(5, 0))}), flown.flight.model.declared
+    assert (declared["triad"][-6:] == PRODUCT).all()
+    nav, zs = np.zeros(states.NAV_SENSORS + declared.size), []
+    nav[states.NAV_QUAT] = 1.0
+    nav[states.NAV_LLH : states.NAV_VEL] = here = flown.trajectory.llh(aid.time)[100]
+    for products in (np.zeros(6), mean):
+        nav[-6:] = products
+        have, z, h, r = np.zeros(6), np.zeros(6), np.zeros((6, states.SENSORS + declared.size)), np.zeros((6, 6))
+        observe(BEACON, 100, tables, nav, np.zeros(6), 0.01, declared, np.zeros((3, 3)), have, z, h, r)
+        zs.append(z[0])
+    lat, lon = here[:2]
+    north = [-math.sin(lat) * math.cos(lon), -math.sin(lat) * math.sin(lon), math.cos(lat)]
+    down = [-math.cos(lat) * math.cos(lon), -math.cos(lat) * math.sin(lon), -math.sin(lat)]
+    axes = np.array([north, [-math.sin(lon), math.cos(lon), 0.0], down])
+    away = axes @ (wgs84(*aid.sensor.positions(aid.frame)[0]) - wgs84(*here))
+
+    def range_at(*moved: np.ndarray) -> float:
+        d = float(np.linalg.norm(away - np.sum(moved, axis=0)))
+        return d + 3.0 * (1.0 - math.exp(-d / 50.0))
+
+    one, expected = 0.3 * np.eye(3), []
+    for i, j in pairs:
+        a, b = one[i], one[j]
+        mixed = range_at(a, b) - range_at(a, -b) - range_at(-a, b) + range_at(-a, -b)
+        expected.append(mixed / 0.36 * (0.5 if i == j else 1.0))
+    np.testing.assert_allclose(h[0, -6:], expected, atol=1e-5 * np.abs(expected).max())
+    assert zs[0] - zs[1] == pytest.approx(h[0, -6:] @ mean, rel=1e-8)
 
 
 def wgs84(lat: float, lon: float, height: float) -> np.ndarray:
