@@ -125,6 +125,8 @@ def lacking(result: Result, what: str) -> ResultError:
         return ResultError(f"a covariance analysis flies no runs and has no {what}; fly some with --method monte-carlo")
     if (kind := result.attributes.get("kind")) != "landing":
         return ResultError(f"a result of kind {kind} has no {what} of runs to export: only landings have")
+    if what == "fixes" and "/summary/count/fixes" in result and not result["/summary/count/fixes"]:
+        return ResultError("the result has no fixes of runs: no run has any")
     return ResultError(f"the result has no {what} of runs; run it with --keep all (a single run keeps them anyway)")
 
 

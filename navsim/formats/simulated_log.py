@@ -62,7 +62,8 @@ def differences(result: Result) -> list[str]:
         out.append(f"follows {gains} scale factors and misalignments (filter.scale_factors, filter.misalignments)")
     aids = sorted({path.split("/")[2] for path in result.variables if path.startswith("/aiding/")})
     if aids:
-        out.append(f"uses the {' and the '.join(aid.replace('_', ' ') for aid in aids)}")
+        names = ["DME" if aid == "dme" else aid.replace("_", " ") for aid in aids]
+        out.append(f"uses the {' and '.join(filter(None, (', '.join(names[:-1]), names[-1])))}")
     scenario = scenario_of(result)
     if not _is_tight(result) and (missing := int(np.sum(np.isnan(_fixes(result)[:, 1])))):
         none = missing == result["/filter/epoch"].size

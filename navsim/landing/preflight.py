@@ -16,6 +16,7 @@ import numpy as np
 
 from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
 from navsim.gnss.constellations.systems import CLOCKS, first_time_scale
+from navsim.gnss.events import EVERY
 from navsim.gnss.interference.horizon import Terrain, flown_under
 from navsim.landing.plausibility import implausible, one_direction
 from navsim.scenario.approach import FileApproach
@@ -544,6 +545,8 @@ def _without_fix(
     from navsim.gnss.signals import build_signals
     from navsim.results.findings import several
 
+    if short.all() and _lands_by_stations(scenario):
+        return []
     time = signals.time[short]
     silent = [
         f"events[{i}]"
@@ -571,6 +574,14 @@ def _without_fix(
         f"no {what} at {short.sum()} of {short.size} fix epochs, the first at {time[0]:.1f} s: {received}{needs}; "
         f"{'; '.join(causes)}"
     ]
+
+
+def _lands_by_stations(scenario: Landing) -> bool:
+    """Whether it has an azimuth and an elevation, and an event silences all satellites and pseudolites throughout."""
+    if scenario.azimuth_station is None or scenario.elevation_station is None:
+        return False
+    throughout = (each for each in scenario.events if each.at_s == 0.0 and each.until_s is None)
+    return any(each.what == "silence" and EVERY in each.sources for each in throughout)
 
 
 def warnings_of(scenario: Landing, document: Document) -> list[str]:

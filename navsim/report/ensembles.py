@@ -107,8 +107,10 @@ def _deviations(result: Result, seen: IndicatedDeviations) -> Figure:
         for k, side in ((0, -1.0), (4, 1.0)):
             label = "95 % as pilots see it" if k else None
             ax.plot(seen.height, seen.estimate[k, :, i], color=COLOURS[1], ls="--", lw=0.9, label=label)
-            ax.axhline(side, color="black", lw=0.9, label="full scale" if k else None)
-            ax.axhline(0.5 * side, color="black", lw=0.6, ls="-.", label="half scale" if k else None)
+            if seen.reach(i) > 1.0:
+                ax.axhline(side, color="black", lw=0.9, label="full scale" if k else None)
+            if 0.5 not in seen.required[name]:
+                ax.axhline(0.5 * side, color="black", lw=0.6, ls="-.", label="half scale" if k else None)
         for size in seen.required[name]:
             for side in (-size, size):
                 ax.axhline(side, color=REQUIRED, ls=DOTTED, lw=1.4, label="required" if side > 0.0 else None)

@@ -525,9 +525,14 @@ _FIGURES_OF: dict[str, tuple[str, Callable[[Result], Figure]]] = {
 """Figures that need a variable not every result has."""
 
 
+def _has_dop(result: Result) -> bool:
+    return bool(np.isfinite(result["/geometry/pdop"]).any())
+
+
 def landing(result: Result) -> dict[str, Figure]:
     """Every figure a landing has data for, by name."""
-    chosen = _SUMMARY_FIGURES | {name: draw for name, (needed, draw) in _FIGURES_OF.items() if needed in result}
+    chosen = {name: draw for name, draw in _SUMMARY_FIGURES.items() if name != "dop" or _has_dop(result)}
+    chosen |= {name: draw for name, (needed, draw) in _FIGURES_OF.items() if needed in result}
     drawn = {name: draw(result) for name, draw in chosen.items()}
     return drawn | (errors(result) if "/filter/error" in result else {})
 

@@ -85,6 +85,7 @@ def verdict_cell(
     shown = f"{{}}: {{:g}} % of {share[1]}" if share else "{}: {:.4g}"
     if low == high or np.isnan(low) or one_run:
         return cell(shown + enough, word, value, names=("verdict", "found"))
-    ends = "  [{:g}, {:g}]" if share else "  [{:.4g}, {:.4g}]"
+    exact = share and not 0.1 < low < high < 99.9  # nines count
+    ends = "  [{:g}, {:g}]" if exact else "  [{:.4g}, {:.4g}]"
     return cell(shown + ends + enough, word, value, low, high,
                 names=("verdict", "found", "found, low", "found, high"))  # fmt: skip

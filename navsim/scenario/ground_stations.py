@@ -106,7 +106,7 @@ class StationSection(AidingSection):
     rate_hz: Annotated[float, Field(ge=0.1, le=100.0)] = 5.0
     """measurements a second"""
     bends_time_s: CorrelationTime = 2.0
-    """correlation time of the bends. 2 s: of errors below 0.5 rad/s, which make the path following error of an azimuth
+    """correlation time of the bends. 2 s: of errors below 0.5 rad/s, which count as path following errors
     (14 CFR 171.303)"""
     beyond_m: Beyond | None = None
     """distance of the station beyond the threshold"""
@@ -207,8 +207,8 @@ class AzimuthStationSection(StationSection):
     name = "azimuth_station"
 
     preset: Literal["none", "ils-1", "ils-2", "ils-3", "mls"] = "none"
-    """limits of ICAO Annex 10: of a localizer of category I, II or III bias_m, bends_m, and as half_width_m its linear
-    sector, 124.1 m; of an MLS azimuth bias_m and noise_m"""
+    """limits of ICAO Annex 10. Localizers of category I, II and III have bias_m, bends_m, and as half_width_m their linear
+    sector, 124.1 m; give their noise_m. An MLS azimuth has bias_m and noise_m"""
     bias_m: NonNegative = 0.0
     """1 sigma of the bias, at the threshold"""
     bends_m: NonNegative = 0.0
@@ -217,6 +217,13 @@ class AzimuthStationSection(StationSection):
     """1 sigma of the white noise, at the threshold"""
     half_width_m: Annotated[float, Field(ge=1.0, le=1e5)] | None = None
     """distance from the centre line at the threshold up to which it measures; null: to all sides of the approach"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_offset(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "right_m" in data:
+            raise reject("an azimuth station stands on the centre line: navsim simulates no offset", "right_m")
+        return data
 
     def check(self, landing: Landing) -> None:
         """Also raise for an antenna that is not beyond the threshold."""

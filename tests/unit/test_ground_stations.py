@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from navsim.geodesy.earth import llh_from_ecef
-from navsim.landing.preflight import station_warnings
+from navsim.landing.preflight import station_warnings, warnings_of
 from navsim.report.figures import source_style
+from navsim.scenario.load import read
 from navsim.scenario.presets import STATION_PRESETS
 from navsim.scenario.source import InputError
 from navsim.sensors.ground_stations import GroundStation
 from navsim.simulation.aiding import Aid
-from tests.helpers import case
+from tests.helpers import SCENARIOS, case
 
 BRIEF = ("duration_s=62", "receiver.rate_hz=1", "imu.rate_hz=20", "runway.length_m=3000")
 AZIMUTH = "azimuth_station={preset: ils-1, noise_m: 1}"
@@ -114,6 +115,7 @@ def test_path_following_error_of_the_elevation_is_its_parts() -> None:
         (("elevation_station={noise_deg: 1, right_m: 0}",), "of the aircraft"),
         (("dme={noise_m: 3, faults: [{at_s: 3}]}",), "changes nothing"),
         (("dme={noise_m: 3, faults: [{at_s: 3, until_s: 3, error_m: 1}]}",), "must lie after at_s"),
+        (("azimuth_station={noise_m: 1, right_m: 20}",), "stands on the centre line"),
         (("localizer={noise_m: 3}",), "did you mean 'azimuth_station'?"),
         (("glide_path={noise_deg: 3}",), "did you mean 'elevation_station'?"),
     ],
@@ -146,6 +148,7 @@ def test_stations_of_no_use_are_warned_of(settings: str, words: str) -> None:
 def test_shipped_stations_are_in_order() -> None:
     scenario = case(name="landing_ils").scenario
     assert station_warnings(scenario, scenario.trajectory()) == []
+    assert warnings_of(*read(SCENARIOS / "landing_ils.yaml")) == []
 
 
 def test_sources_of_stations_differ_in_the_figure() -> None:
