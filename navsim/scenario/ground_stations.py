@@ -207,8 +207,8 @@ class AzimuthStationSection(StationSection):
     name = "azimuth_station"
 
     preset: Literal["none", "ils-1", "ils-2", "ils-3", "mls"] = "none"
-    """limits of ICAO Annex 10. Localizers of category I, II and III have bias_m, bends_m, and as half_width_m their linear
-    sector, 124.1 m; give their noise_m. An MLS azimuth has bias_m and noise_m"""
+    """limits of ICAO Annex 10. Localizers of category I, II and III have bias_m, bends_m, and as half_width_m their
+    linear sector, 124.1 m; give their noise_m. An MLS azimuth has bias_m and noise_m"""
     bias_m: NonNegative = 0.0
     """1 sigma of the bias, at the threshold"""
     bends_m: NonNegative = 0.0
