@@ -149,10 +149,11 @@ def expected_turn(imu, cursor, until, nav):
 def _set_bias_axes(nav, p, before, dt, axes):
     """Set the axes of the bias errors after the body's turn in dt (s) since the attitude `before` (4,).
 
-    Before a turn the filter knows the biases in body axes: the level ones well, the vertical one badly. Axes that
-    turned with the body would add half of heading error x turn x vertical bias to the level ones. So the turn is held
-    back until heading is known. If the aircraft is then banked, bias errors become plain, since the vertical bias also
-    changes tilt in a bank. axes (3, 3): work space.
+    In straight flight, once the level gyro biases are known, errors of gyro biases have fixed navigation axes. Before a
+    turn the filter knows the level biases well, the vertical one badly. Axes that turned with the body would add half
+    of heading error x turn x vertical bias to the level ones. So the turn is held back until heading is known. If the
+    aircraft is then banked, bias errors become plain, since the vertical bias also changes tilt in a bank. axes (3, 3):
+    work space.
     """
     held, q = nav[NAV_BIAS_FRAME:NAV_SENSORS], nav[NAV_QUAT:NAV_BIAS_FRAME]
     # the conjugate of the attitude before, times that of now
@@ -161,10 +162,8 @@ def _set_bias_axes(nav, p, before, dt, axes):
     y = before[0] * q[2] + before[1] * q[3] - before[2] * q[0] - before[3] * q[1]
     z = before[0] * q[3] - before[1] * q[2] + before[2] * q[1] - before[3] * q[0]
     turning = 4.0 * (x * x + y * y) > (_FREEZE_RATE * dt) * (_FREEZE_RATE * dt)
-    holds = turning | (abs(held[1]) + abs(held[2]) + abs(held[3]) > 0.0)
+    turned = turning | (abs(held[1]) + abs(held[2]) + abs(held[3]) > 0.0)
     plain = tfg.is_plain(nav)
-    if not any_lane(holds | plain):
-        return
     variance = small_vector(nav, 3)
     tfg.bias_axes(nav, axes)
     for i in range(3):
@@ -174,8 +173,9 @@ def _set_bias_axes(nav, p, before, dt, axes):
                 variance[i] += axes[i, j] * p[GYRO + j, GYRO + k] * axes[i, k]
     level = where(variance[0] > variance[1], variance[0], variance[1])
     heading = p[PHI_D, PHI_D]
-    holds = holds & (heading > _FREEZE_HEADING * _FREEZE_HEADING)
-    holds = holds & no(plain) & (level < _FREEZE_LEVEL_BIAS * _FREEZE_LEVEL_BIAS * variance[2])
+    knows = no(plain) & (heading > _FREEZE_HEADING * _FREEZE_HEADING)
+    knows = knows & (level < _FREEZE_LEVEL_BIAS * _FREEZE_LEVEL_BIAS * variance[2])
+    holds = knows & turned
     # plain axes have no vertical one: of the eigenvalues of the covariance, their sum and that of products of two
     g = p[GYRO : GYRO + 3, GYRO : GYRO + 3]
     total = g[0, 0] + g[1, 1] + g[2, 2]
@@ -186,7 +186,8 @@ def _set_bias_axes(nav, p, before, dt, axes):
     plain = plain & (products < _FREEZE_LEVEL_BIAS * _FREEZE_LEVEL_BIAS * total * total)
     turns = holds & turning
     a, b, c, d = held[0], held[1], held[2], held[3]
-    held[0] = where(plain, 0.0, where(turns, a * w - b * x - c * y - d * z, where(holds, a, 1.0)))
+    unturned = where(knows, -1.0, 1.0)
+    held[0] = where(plain, 0.0, where(turns, a * w - b * x - c * y - d * z, where(holds, a, unturned)))
     held[1] = where(plain, 0.0, where(turns, a * x + b * w + c * z - d * y, where(holds, b, 0.0)))
     held[2] = where(plain, 0.0, where(turns, a * y - b * z + c * w + d * x, where(holds, c, 0.0)))
     held[3] = where(plain, 0.0, where(turns, a * z + b * y - c * x + d * w, where(holds, d, 0.0)))

@@ -10,6 +10,8 @@ the filter learns nothing along it.
     P+ = T(x+)^-1 M T(x) P T(x)' M' T(x+)^-T
     M: J_l(theta) on the diagonal, d(J_l(theta) y_u)/d(theta) in the theta column
 
+In straight flight `gaussian_sum` has errors of gyro biases in fixed navigation axes, B_g+ = exp(theta) B_g + C db.
+
 C is the present attitude, except after a quick turn with an uncertain heading (`freeze_bias_frame`): then it is the
 attitude before the turn. Any C is valid to first order; this one keeps the posterior straight.
 
@@ -87,6 +89,12 @@ def is_plain(nav):
 
 
 @kernel
+def has_navigation_axes(nav):
+    """Whether errors of gyro biases have fixed navigation axes (`gaussian_sum`): the negative of no turn is stored."""
+    return nav[NAV_BIAS_FRAME] == -1.0
+
+
+@kernel
 def apply_transposed(matrix, u0, u1, u2, out):
     """out = matrix' u for the 3-vector u."""
     for i in range(3):
@@ -120,13 +128,15 @@ def feed_back(nav, x, space):
     jac = diagonal[2]
     move_rigidly(nav, x, jac, space.straight)
     bias_axes(nav, after)
-    plain = is_plain(nav)
+    plain, fixed = is_plain(nav), has_navigation_axes(nav)
     for o in range(GYRO, N_BASE, 3):
         first = NAV_SENSORS - SENSORS + o
         copy(nav[first : first + 3], vector)
         _move_vector(nav, x, o, before, after, jac, diagonal[o // 3], column[o // 3])
         if any_lane(plain):
             _add_vector(plain, vector, x, o, nav, diagonal[o // 3], column[o // 3])
+        if o == GYRO and any_lane(fixed):
+            _turn_gyro_bias(fixed, vector, x, before, after, nav, diagonal, column)
     if body > 0:
         dcm(nav[NAV_QUAT:NAV_BIAS_FRAME], later)
         _move_vector(nav, x, body, attitude, later, jac, diagonal[body // 3], column[body // 3])
@@ -188,6 +198,25 @@ def _add_vector(plain, vector, x, o, nav, diagonal, column):
 
 
 @kernel
+def _turn_gyro_bias(fixed, vector, x, before, after, nav, diagonal, column):
+    """Where `fixed`, b+ = vector + C+' C x for the gyro biases, C `before`, C+ `after` (3, 3).
+
+    diagonal, column: as of `feed_back`; their blocks of the gyro biases are C+' C and C+' [C x x] J.
+    """
+    y, row, first = small_vector(nav, 3), small_vector(nav, 3), NAV_SENSORS - SENSORS + GYRO
+    own, across, jac = diagonal[GYRO // 3], column[GYRO // 3], diagonal[ATT // 3]
+    turned(before, x[GYRO : GYRO + 3], y)
+    for i in range(3):
+        a, b, c = after[0, i], after[1, i], after[2, i]
+        nav[first + i] = where(fixed, vector[i] + a * y[0] + b * y[1] + c * y[2], nav[first + i])
+        row[0], row[1], row[2] = b * y[2] - c * y[1], c * y[0] - a * y[2], a * y[1] - b * y[0]
+        for j in range(3):
+            own[i, j] = where(fixed, a * before[0, j] + b * before[1, j] + c * before[2, j], own[i, j])
+            by_attitude = row[0] * jac[0, j] + row[1] * jac[1, j] + row[2] * jac[2, j]
+            across[i, j] = where(fixed, by_attitude, across[i, j])
+
+
+@kernel
 def error_in_filter_coordinates(nav, error, out, straight, body):
     """Error (n,) in the filter's own coordinates, expressed as the plain error of the same tangent.
 
@@ -205,7 +234,18 @@ def error_in_filter_coordinates(nav, error, out, straight, body):
     bias_axes(nav, c_nb)
     for o in range(GYRO, N_BASE, 3):
         _vector_error_in_filter_coordinates(nav, error, o, c_nb, jac, inverse, out)
-    plain = is_plain(nav)
+    plain, fixed = is_plain(nav), has_navigation_axes(nav)
+    if any_lane(fixed):
+        # C' exp(theta) C db, exp(theta) = I + [theta x] J
+        y, moved = small_vector(nav, 3), small_vector(nav, 3)
+        turned(c_nb, error[GYRO : GYRO + 3], y)
+        turned(jac, y, moved)
+        y[0] += error[PHI_E] * moved[2] - error[PHI_D] * moved[1]
+        y[1] += error[PHI_D] * moved[0] - error[PHI_N] * moved[2]
+        y[2] += error[PHI_N] * moved[1] - error[PHI_E] * moved[0]
+        apply_transposed(c_nb, y[0], y[1], y[2], moved)
+        for i in range(3):
+            out[GYRO + i] = where(fixed, moved[i], out[GYRO + i])
     for i in range(GYRO, N_BASE):
         out[i] = where(plain, error[i], out[i])
     if body > 0:
