@@ -111,8 +111,10 @@ class GroundStation(AidingSensor):
         frame = flight.frame
         threshold = llh_from_ecef(frame.origin - self.aim_point * frame.axes[:, 0])
         threshold[2] = self.height
+        if not (terrain := self.terrain(threshold)):
+            return np.zeros(time.size, bool)
         antenna = antenna_ecef(flight.motion(time), self.lever_arm)
-        return behind(self.terrain(threshold), ecef_from_llh(self.llh(frame))[None, None], antenna)[:, 0]
+        return behind(terrain, ecef_from_llh(self.llh(frame))[None, None], antenna)[:, 0]
 
     def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:
         """Angles or ranges (m, 1) with faults, rad or m; nan outside the coverage, behind terrain and while the station

@@ -117,6 +117,8 @@ class Noise:
     sensors: imu.ImuDraws
     ranges: np.ndarray
     """(r, e, s, 2) see `statistics.noise.measure`."""
+    aids: dict[int, np.ndarray]
+    """True values of the filter's states for errors of sensors beside the receiver, by their kind: `_states_of_aid`."""
 
     @classmethod
     def of(cls, flight: Flight, seed: int, runs: Sequence[int]) -> Noise:
@@ -128,7 +130,8 @@ class Noise:
             initial[:, lane] = initial_errors(flight, seed, run)
         of_imu, intervals = generators(seed, runs, "imu", WIDTH), len(shared.dtheta)
         sensors = imu.ImuDraws.of(of_imu, len(runs), intervals, flight.gyro, flight.accel)
-        return cls(initial, sensors, range_noise(shared, seed, runs))
+        aids = {aid.sensor.kind: _states_of_aid(aid, shared, seed, runs) for aid in shared.aids}
+        return cls(initial, sensors, range_noise(shared, seed, runs), aids)
 
 
 def draw(
@@ -159,7 +162,7 @@ def draw(
     ranges, rates, phases = draw_measurements(shared, seed, runs, WIDTH, noise.ranges, wandered, correlated, flown)
     if correlated is not None:
         true[RANGE if design.tight else FIX] = _correlated_states(flight, correlated)
-    true.update({aid.sensor.kind: _states_of_aid(aid, shared, seed, runs) for aid in shared.aids})
+    true.update(noise.aids)
     if flight.transmitter_states is not None:
         true[SOURCE] = flight.transmitter_states.true_values(shared.filter_time, seed, runs, WIDTH)
     kinds = dict.fromkeys(block.triad for block in design.sensors.blocks if block.triad > states.ACCELEROMETERS)
