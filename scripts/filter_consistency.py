@@ -440,6 +440,11 @@ def at_corner(rows: Sequence[Row], label: str, kind: str) -> str:
     return next((f"{r.heading[0]:.2f}" for r in rows if r.study.label == label and r.kind == kind), "-")
 
 
+def listed(subject: str, found: Sequence[str]) -> list[str]:
+    """A list with its heading, or one sentence that nothing was found."""
+    return [f"{subject}:", "", *(f"- {line}" for line in found)] if found else [f"{subject}: there are none."]
+
+
 def results(rows: Sequence[Row]) -> list[str]:
     """A paragraph for each result, computed from the rows."""
     own = [row for row in rows if row.kind == DEFAULT]
@@ -472,35 +477,27 @@ def results(rows: Sequence[Row]) -> list[str]:
         if best.departure < row.departure:
             better.append(f"{row.study.label} (`{best.kind}`: {best.departure:.2f} against {row.departure:.2f})")
     return [
-        f"**Heading** at {CORNER:g} s. z is from the least to the largest of the shipped scenarios; the other columns",
-        "are those of `landing`. Straight flight does not show heading, so errors should be those of the same",
-        "runs without fixes.",
+        f"**Heading** at {CORNER:g} s, before the turn. The first column has the smallest and the largest z of the",
+        "shipped scenarios; the other columns are those of `landing`. Straight flight does not show heading, so errors",
+        "should equal those without fixes.",
         "",
         *kinds,
         "",
-        f"**Every state.** The least and the largest z of `{DEFAULT}` should be between {LOW} and {HIGH}. In",
-        f"{len(own) - len(outside)} of {len(own)} cases neither is outside by more than 3 sigma of the sampling. The",
-        "others, with the worst state:",
+        f"**Every state.** Each z of `{DEFAULT}` should be between {LOW} and {HIGH}. In {len(own) - len(outside)} of",
+        f"{len(own)} cases every z is, apart from chance (3 sigma of the sampling).",
+        *listed("Cases with another z, and its state", outside),
         "",
-        *(f"- {line}" for line in outside or ["none"]),
+        *listed(f"Cases in which fixes make the heading errors of `{DEFAULT}` larger (by 2 sigma)", above),
         "",
-        f"Cases of `{DEFAULT}` with errors larger than without fixes by more than 2 sigma:",
+        f"**Large errors.** NEES of a consistent filter exceeds its 99.9 % limit in 0.1 %; this page allows {SHARE} %.",
+        f"In {len(over)} of {len(own)} cases `{DEFAULT}` exceeds it more often, so don't compute the probability of",
+        "rare errors from σ.",
+        *listed("Cases with more", over),
         "",
-        *(f"- {line}" for line in above or ["none"]),
+        *listed(f"Cases in which a run has a heading error beyond {FAR:g} σ", far),
         "",
-        f"**Tails.** A consistent filter exceeds the 99.9 % limit of NEES in 0.1 %; this page allows {SHARE} %, and no",
-        f"heading error beyond {FAR:g} σ. Don't extrapolate σ to small probabilities: {len(over)} of {len(own)} cases "
-        f"of `{DEFAULT}` have more:",
-        "",
-        *(f"- {line}" for line in over or ["none"]),
-        "",
-        f"Cases of `{DEFAULT}` with runs beyond {FAR:g} σ:",
-        "",
-        *(f"- {line}" for line in far or ["none"]),
-        "",
-        f"**Published filters** were run in {rivalled} cases. Cases in which the worst z of one is nearer to one:",
-        "",
-        *(f"- {line}" for line in better or ["none"]),
+        f"**Published filters** flew {rivalled} cases.",
+        *listed("Cases in which the worst z of such a filter is nearer to 1 than that of the default", better),
         "",
     ]
 
@@ -518,15 +515,16 @@ def page() -> list[str]:
         " or ".join(map(str, sorted({row.found.runs for row in rows if (row.kind == DEFAULT) == mine})))
         for mine in (True, False)
     )
-    state = "" if all(row.found.runs == planned for row in rows) else ": the study is not\nfinished"
+    state = "" if all(row.found.runs == planned for row in rows) else f"; {planned} are planned"
     lines = [
         "# Consistency of the filter kinds, measured",
         "",
-        "This page compares the sigma of navsim's default filter, and of published filters, with their errors, state",
-        "by state ([conclusions](sigma.md)).",
+        "This page compares the errors of navsim's default filter, and of published filters, with the filter's σ,",
+        "state by state ([may I trust σ?](sigma.md)).",
         "",
-        f"Each case has {own} runs of `{DEFAULT}`, {others} of the other kinds, of {planned} planned{state}. "
-        "Two rows in a minute: `python scripts/filter_consistency.py --runs 20 --cases landing --kinds eskf tfg`",
+        f"Each case has {own} runs of `{DEFAULT}` and {others} of each other kind{state}.",
+        "",
+        "    python scripts/filter_consistency.py --runs 20 --cases landing --kinds eskf tfg   # two rows in a minute",
         "",
         "## Results",
         "",
@@ -535,21 +533,23 @@ def page() -> list[str]:
         "",
         "## Method",
         "",
-        "Each run draws initial errors, sensor errors and ranging errors; all kinds have the same first runs. No",
-        "setting was chosen by these seeds. The published kinds run without `filter.steady_force`, which is on by",
-        "default.",
+        "Each run draws initial errors, sensor errors and ranging errors. All kinds fly the same runs, the default",
+        "further ones. No setting was chosen by these seeds. The published kinds run without navsim's",
+        "`filter.steady_force`.",
         "",
         "| column | meaning |",
         "|---|---|",
-        "| z | RMS over runs of error divided by σ; 1 is right, less is cautious |",
-        f"| least, largest z | least and largest of the first {N_BASE} states at 10, 20, ... s and at {CORNER:g} s, "
-        "with state and time. The largest of many is above 1 by chance, too |",
+        "| z | RMS over runs of error divided by σ. 1 is right; below 1 σ is too large, above 1 too small |",
+        f"| least, largest z | smallest and largest z of the first {N_BASE} states at 10, 20, ... s and at "
+        f"{CORNER:g} s, with its state and time. The largest of many exceeds 1 also by chance |",
         f"| RMS, σ | RMS error of heading at {CORNER:g} s; RMS of its σ |",
         "| no fixes | RMS heading error of the same runs without any fix, in straight flight |",
-        "| NEES/n | mean NEES over runs and times in the filter's own coordinates, divided by the number of states |",
-        "| > 99.9 % | share of NEES above the limit that a consistent filter exceeds in 0.1 % |",
-        f"| > 6 σ | runs with a heading error beyond {FAR:g} σ at any output; in brackets the largest, in σ |",
-        "| ± | 1 sigma of the sampling, from the spread of the runs |",
+        "| NEES/n | NEES in the filter's own coordinates, divided by the number of states; mean over runs and times. "
+        "1 is right |",
+        "| > 99.9 % | share of NEES beyond the limit that a consistent filter exceeds in 0.1 % |",
+        f"| > 6 σ | number of runs whose heading error exceeds {FAR:g} σ at some output; in brackets the largest "
+        "error, in σ |",
+        "| ± | 1 sigma of the chance of a finite number of runs |",
         "",
         "| kind | filter | settings |",
         "|---|---|---|",
