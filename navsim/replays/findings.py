@@ -72,10 +72,12 @@ def _tied(result: Result) -> list[Finding]:
     nis = [float(result[f"/summary/nis_{name}"][group]) for name in ("position", "velocity")]
     if not origin.endswith(VELOCITY_SIGMA) or not nis[0] > LARGEST_POSITION_NIS:
         return []
+    names = ("/tuning/position_sigma_horizontal", "/tuning/position_sigma_vertical")
+    sigma = ", ".join(f"{float(result[name]) * nis[0] ** 0.5:.2g}" for name in names)
     text = (
         f"positions have a NIS of {nis[0]:.2f} in motion, velocities of {nis[1]:.2f}, where 1 is due: the position "
-        f"sigma is {origin}, and positions scatter more. Give gnss.position_sigma_m, or columns with the receiver's "
-        "accuracies"
+        f"sigma is {origin}, and positions scatter more. Give columns with the receiver's accuracies, or "
+        f"gnss.position_sigma_m: [{sigma}]"
     )
     degrees = result["/innovations/degrees"]
     return [Finding("position_noise", text, (), int(degrees.astype(bool).sum()), degrees.size)]

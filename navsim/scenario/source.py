@@ -45,6 +45,8 @@ _CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufffe\u
 noncharacters."""
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 """First bytes of every HDF5 file (HDF5 File Format Specification, section II.A)."""
+_LOGS = (".bin", ".ulg", ".ubx", ".nmea", ".pos", ".tlog")
+"""Suffixes of recordings, which `navsim import` reads or explains why it cannot."""
 
 
 @dataclass(frozen=True)
@@ -374,6 +376,9 @@ def load(path: Path) -> Document:
         raise InputError([Problem(Place(name), "", f"cannot be read: {error.strerror or error}")]) from None
     if raw.startswith(_HDF5):
         message = f"is a result, not a scenario: use navsim show {path} or navsim plot {path}"
+        raise InputError([Problem(Place(name), "", message)])
+    if path.suffix.lower() in _LOGS:
+        message = f"is a log, not a scenario: use navsim import {path}, which writes a log.yaml for navsim replay"
         raise InputError([Problem(Place(name), "", message)])
     if len(raw) > MOST_BYTES:
         raise InputError([Problem(Place(name), "", f"more than {MOST_BYTES:,} bytes; that is not a scenario")])

@@ -704,9 +704,11 @@ def test_a_few_large_innovations_are_no_finding(degrees: int, told: bool) -> Non
 ])  # fmt: skip
 def test_positions_that_scatter_more_than_their_tied_sigma_are_told(position: float, origin: str, told: bool) -> None:
     values = {
-        "/tuning/position_sigma_horizontal": 0.24, "/summary/motion": np.array(["all", "moving"]),
-        "/summary/nis_position": np.array([1.0, position]), "/summary/nis_velocity": np.array([1.0, 0.27]),
-        "/innovations/degrees": np.full(100, 6),
+        "/tuning/position_sigma_horizontal": 0.24, "/tuning/position_sigma_vertical": 0.44,
+        "/summary/motion": np.array(["all", "moving"]), "/summary/nis_position": np.array([1.0, position]),
+        "/summary/nis_velocity": np.array([1.0, 0.27]), "/innovations/degrees": np.full(100, 6),
     }  # fmt: skip
     result = Result({}, {path: Variable((), data, "", "", {"origin": origin}) for path, data in values.items()})
-    assert bool(_tied(result)) is told
+    found = _tied(result)
+    assert bool(found) is told
+    assert not told or found[0].text.endswith("gnss.position_sigma_m: [0.31, 0.57]")  # sigma times the root of NIS

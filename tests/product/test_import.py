@@ -362,6 +362,7 @@ def test_refusals(flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         ("words.txt", b"nothing here\n" * 9, "not a log that navsim knows"),
         ("log.yaml", b"kind: replay\nversion: 1\n", "needs no import"),
         ("table.csv", b"t,x\n1,2\n" * 9, "declare the columns in a log.yaml"),
+        ("a.tlog", bytes(9), "does not read MAVLink logs"),
         ("cut.ulg", b"ULog\x01\x12\x35\x01", "damaged"),
     ):
         (tmp_path / name).write_bytes(content)

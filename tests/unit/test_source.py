@@ -98,6 +98,12 @@ def test_a_file_too_large_is_not_read(tmp_path: Path) -> None:
         load(tmp_path / "s.yaml")
 
 
+def test_a_log_is_no_scenario(tmp_path: Path) -> None:
+    (tmp_path / "f.ULG").write_bytes(b"ULog\x01\x12\x35\x01")
+    with pytest.raises(InputError, match=r"use navsim import .*f\.ULG, which"):
+        load(tmp_path / "f.ULG")
+
+
 @pytest.mark.parametrize(("name", "said"), [
     ("pipe", "a named pipe"), ("/dev/zero", "a device"), ("/dev/null", "a device"), (".", "a folder"),
     ("loop", "cannot be read"),

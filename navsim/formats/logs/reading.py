@@ -41,6 +41,9 @@ def _format(path: Path) -> Any:
         if comma2k19.matches(path):
             return comma2k19
         raise FileError(0, f"the folder is not {comma2k19.TITLE}: it has no IMU_gyro_value.npy; name a file", path)
+    if path.suffix.lower() == ".tlog":
+        todo = "export tables, and declare their columns in a log.yaml (navsim init recorded_flight)"
+        raise FileError(0, f"navsim does not read MAVLink logs: {todo}", path)
     check_size(path)
     with files.open_regular(path) as file:
         head = file.read(_HEAD)
