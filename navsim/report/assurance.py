@@ -240,6 +240,7 @@ def _studied(_: Mapping[str, Any], root: Mapping[str, Any]) -> bool:
 
 
 SECTIONS: Mapping[str, Applies] = {
+    "The ten most dangerous": of_landing,
     "Every landing": of_landing,
     "Integrity": _has("integrity"),
     "Pseudolites": lambda scenario, root: of_landing(scenario, root) and _has_pseudolites(scenario, root),
@@ -257,8 +258,8 @@ SECTIONS: Mapping[str, Applies] = {
     "Replay and live": lambda _, root: root["kind"] in ("replay", "live"),
 }
 """Sections of `docs/limits.md`, and the results that they are about."""
-CONDITION = re.compile(r"(without |)`(?:--method ([a-z-]+)|([a-z_]+(?:\.[a-z_0-9]+)*)(?:: ([\w.-]+))?)`")
-"""A method, or a key with or without a value, which a result has or lacks if the row is about it."""
+CONDITION = re.compile(r"(without |)`(?:--method ([a-z-]+)|([a-z_]+(?:\.[a-z_0-9]+)*)(?:: ([\w.-]+(?: or [\w-]+)*))?)`")
+"""A method, or a key with or without values, which a result has or lacks if the row is about it."""
 
 
 TO_DECLARE = (
@@ -331,15 +332,16 @@ def unmodelled_effects(result: Result) -> list[UnmodelledEffect]:
     """Effects that concern this scenario and are not modelled.
 
     The first cell of a row names keys and methods. The row concerns scenarios that set these keys (to the value that
-    it names), or that lack them if it says "without".
+    it names, or one of several), or that lack them if it says "without".
     """
     scenario, root = scenario_of(result), result.attributes
 
     def concerns(effect: str) -> bool:
         for without, method, key, value in CONDITION.findall(effect):
             there = root.get("method") if method else at(scenario, *key.split("."))
-            meant = method or value
-            if (str(there) == meant if meant else _is_set(there)) == bool(without):
+            meant = (method or value).split(" or ")
+            is_so = _has_pseudolites(scenario, root) if key == "pseudolites" else _is_set(there)
+            if (str(there) in meant if meant != [""] else is_so) == bool(without):
                 return False
         return True
 

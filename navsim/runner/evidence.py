@@ -151,7 +151,7 @@ def _sections(evidence: Evidence) -> Iterator[str]:
     yield ("" if asked else "<p>The scenario states no requirements.</p>") + html(verdicts)
     yield "<h2>Warnings</h2>"
     limits = unmodelled_effects(result)
-    found = [f"Left out: {each.effect}: {each.consequence}; remedy: {each.remedy}." for each in limits if each.forbids]
+    found = [f"Not modelled: {each.effect}. {each.consequence} {each.remedy}" for each in limits if each.forbids]
     found += [each.text for each in findings_of(result)]
     yield "".join(f"<p>{escape(text)}</p>" for text in found) or "<p>navsim found nothing to warn of.</p>"
     yield f"<h2>Results</h2>{html(here.tables([(name, result)]))}"
@@ -166,7 +166,7 @@ def _sections(evidence: Evidence) -> Iterator[str]:
     yield "<h2>Effects that are not modelled</h2>"
     effects = [(each.section, each.effect, each.consequence, each.remedy) for each in limits]
     if effects:
-        yield _table(("subject", "left out", "consequence", "what to do"), _once(effects))
+        yield _table(("subject", "navsim does not model", "what that does to the result", "what to do"), _once(effects))
     else:
         yield "<p>The assumptions are those of the sources below; navsim keeps no list for this kind of result.</p>"
     yield f"<h2>Sources of the methods</h2><pre>{escape(cited(methods_of([result])))}</pre>"

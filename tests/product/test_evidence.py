@@ -92,6 +92,20 @@ def test_a_setting_of_none_has_no_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not [name for name in without if "ground stations" in name]
 
 
+@pytest.mark.parametrize("method", ["chi2", "mhss", "filter"])
+@pytest.mark.parametrize("count", [0, 2])
+def test_a_row_may_name_several_values_and_pseudolites(
+    monkeypatch: pytest.MonkeyPatch, method: str, count: int
+) -> None:
+    scenario = {
+        "integrity": {"method": method, "effective_samples": 1.0}, "pseudolites": {"count": count, "s_m": 1.0}
+    }  # fmt: skip
+    monkeypatch.setattr("navsim.report.assurance.scenario_of", lambda _: scenario)
+    found = [each.effect for each in unmodelled_effects(Result({"kind": "landing", "method": "monte-carlo"}, {}))]
+    assert any("more than one independent error" in effect for effect in found) == (method != "chi2")
+    assert any("without pseudolites.clock_sigma_ns" in effect for effect in found) == bool(count)
+
+
 def graph_of(folder: Path) -> dict[str, dict[str, Any]]:
     """Entities of a crate by their identifiers."""
     crate = json.loads((folder / "ro-crate-metadata.json").read_text(encoding="utf-8"))
@@ -144,7 +158,7 @@ def test_a_folder_for_a_reviewer(place: Path, tmp_path: Path) -> None:
     text = (folder / "ro-crate-preview.html").read_text(encoding="utf-8")
     for part in ("not met: 0.774", "undecided", "GDOP, PDOP, HDOP, VDOP, TDOP", "closed form (gnss_lib_py)",
                  "flight dynamics", "navsim verify runs.h5 --folder inputs", "code of navsim", "is the one that",
-                 "<h2>Warnings</h2>\n<p>Left out: time-correlated errors of satellite ranges"):  # fmt: skip
+                 "<h2>Warnings</h2>\n<p>Not modelled: time-correlated errors of satellite ranges"):  # fmt: skip
         assert part in text
     assert not re.search("certified|compliant|certif", text, re.IGNORECASE)
     assert "http" not in re.sub(r"<pre.*?</pre>", "", text, flags=re.DOTALL)  # needs no network
