@@ -35,6 +35,8 @@ LEAST_ANGLE = 2.0
 """Angle between two pseudolites as the antenna sees them, deg, below which the second adds no geometry."""
 UNDULATION_ERROR = 5.0
 """Difference of a geoid undulation from that of EGM96, m, beyond which it is doubted: other models are closer."""
+EXPOSURE = 150.0
+"""Time, s, of an approach to LPV minima that levels are for; errors that last as long occur once."""
 _STEP = 0.5
 """Between times of the flight that are looked at, s."""
 
@@ -43,7 +45,7 @@ def implausible(scenario: Landing, trajectory: Moving) -> list[str]:
     """Warnings of values that no aircraft, sensor, wind or runway has."""
     return [
         *_lever_arms(scenario), *_drifts(scenario), *_speeds(scenario), *_wind(scenario, trajectory),
-        *_undulation(scenario, trajectory), *_free_clocks(scenario), *_beacons(scenario),
+        *_undulation(scenario, trajectory), *_free_clocks(scenario), *_beacons(scenario), *_repeated_noise(scenario),
     ]  # fmt: skip
 
 
@@ -75,6 +77,20 @@ def _beacons(scenario: Landing) -> Iterator[str]:
         yield (
             f"beacons: {digits(share)} of the ranges are outliers, against which the filter has its gate alone. Above "
             f"{MANY_OUTLIERS:g} errors exceed its sigma; write filter.beacons.outliers: mixture"
+        )
+
+
+def _repeated_noise(scenario: Landing) -> Iterator[str]:
+    """Levels of single fixes for one independent error an approach, in which the noise of ranges repeats. Where other
+    errors last, errors beyond a level are nearly as frequent: they need a large noise, too."""
+    section = scenario.integrity
+    if section is None or section.method != "mhss" or section.effective_samples > 1.0:
+        return
+    if scenario.receiver.smoothing_s < EXPOSURE:
+        yield (
+            "integrity.effective_samples: levels allow for one independent error an approach. The noise of ranges has "
+            "more: the operation's exposure over the larger of time to alert and receiver.smoothing_s, for LPV "
+            f"{EXPOSURE:g} s / 6 s = 25. Set this number; with 1 the levels are too low"
         )
 
 

@@ -93,12 +93,6 @@ class PreflightChecks:
                 for i, each in enumerate(self.scenario.requirements)
                 if isinstance(each, PresetRequirement) and not each.counts_by(section.limits)
             ]
-            if self._counts_white_noise_once(section):
-                out.append(
-                    "integrity.effective_samples: levels allow for one independent error an approach. White noise has "
-                    "more: the operation's exposure over the time to alert, for LPV 150 s / 6 s = 25. Set this number; "
-                    "with 1 the levels are too low"
-                )
             out += [
                 f"requirements[{i}]: levels are not those of {each.operation}, which allows a risk of {INTEGRITY:g} an "
                 f"approach: {self._risk_of_levels(section)}"
@@ -122,11 +116,6 @@ class PreflightChecks:
                 text = f"no band has the carriers of {', '.join(stopped)}: they are not received"
                 out.append(f"interference.front_end_mhz: {text}")
         return out
-
-    def _counts_white_noise_once(self, section: IntegritySection) -> bool:
-        """Whether levels of single fixes are for one error an approach, though each fix has an error of its own."""
-        white = not self.scenario.signals.errors.models() and not self.scenario.receiver.smoothing_s
-        return section.method == "mhss" and section.effective_samples == 1.0 and white
 
     def _under_horizon(self) -> list[str]:
         """Warning of a mask below the horizon."""
@@ -218,8 +207,9 @@ class PreflightChecks:
 
         quiet = replace(self.environment, jamming=replace(jamming, pseudolites=None))
         motion = self.trajectory.motion(signals.time)
-        without = build_signals(motion, self.scenario.epoch.timestamp(), quiet).used
-        pseudolites, satellites = self._by_name(without & ~signals.used)
+        without = build_signals(motion, self.scenario.epoch.timestamp(), quiet)
+        same = [without.names.index(name) for name in signals.names]  # of a search: without those that are never heard
+        pseudolites, satellites = self._by_name(without.used[:, same] & ~signals.used)
         by = "interference.pseudolites: jammed by pseudolites"
         return [f"{by}: {text}" for text in (*pseudolites, satellites) if text]
 

@@ -89,6 +89,7 @@ def tables(result: Result) -> list[Table | str]:
         front.notes = _fewest(placed(result), int(result["/pareto/fewest"]))
         if costs and np.isfinite(result["/pareto/cheapest"]):
             front.notes += f"; the least cost: {result['/pareto/cheapest']:.6g}"
+    front.notes = "\n".join(filter(None, (front.notes, _unjammed(result))))
     losses = [f"{100 * loss:.0f} % within, m" for loss in result["/loss"]]
     axes = ("s", "l1", "up") if "/optimum/up" in result else ("s", "l1")
     places = Table(
@@ -164,6 +165,14 @@ def _room(result: Result, i: int, left: float) -> Cell | str:
     rule = str(result["/optimum/tightest_rule"][i]) if "/optimum/tightest_rule" in result else ""
     unit = "dB" if rule == "near_far_db" else "m"
     return cell(f"{rule}: {{:.2f}} {unit} left".removeprefix(": "), left)
+
+
+def _unjammed(result: Result) -> str:
+    """Note on pseudolites that jam nothing, since the scenario does not say so; empty where they do."""
+    interference = scenario_of(result).get("interference")
+    if placed(result) == "beacons" or (interference is not None and interference["pseudolites"] is not None):
+        return ""
+    return "without interference.pseudolites, no pseudolite jams the receiver: near-far effects are not simulated"
 
 
 def _met(flag: np.ndarray) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -83,7 +84,12 @@ def test_satellites_that_pseudolites_jam_are_counted_by_name() -> None:
     assert lost
     assert "G07" not in lost
     told = ", ".join(f"{name} at {times}" for name, times in lost.items())
-    assert f"interference.pseudolites: jammed by pseudolites: {told} of 60 fixes" in flown.warnings
+    warning = f"interference.pseudolites: jammed by pseudolites: {told} of 60 fixes"
+    assert warning in flown.warnings
+    # searches omit satellites that are never heard
+    heard = flown.shared.signals.select(seen > 0)
+    assert heard.names != flown.shared.signals.names
+    assert warning in replace(flown.preflight, signals=heard).warnings
     found = lost_by_name(flown, "Too weak or jammed")
     assert found == {name: f"{times} of 60" for name, times in lost.items()}
 

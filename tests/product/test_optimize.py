@@ -68,6 +68,7 @@ def test_json(folder: Path) -> None:
     assert flown["objective"] == [None] * 3, "runs have no VDOP"
     assert flown["verdict"].startswith("sigma ")
     shown = navsim("show", "json.h5", cwd=folder).stdout
+    assert "near-far effects are not simulated" in shown
     assert f"All states, 1 pseudolite: {flown['verdict']}" in " ".join(shown.split())
 
 

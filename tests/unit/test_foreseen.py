@@ -94,9 +94,17 @@ def test_warnings_are_those_of_the_flight(given: list[str], said: str) -> None:
     assert told == prepare(*read(file, [*given, "imu.rate_hz=20"])).warnings
 
 
-def test_levels_of_lasting_errors_are_for_one_error_an_approach() -> None:
+@pytest.mark.parametrize(("smoothing", "warned"), [(100, True), (150, False)])
+def test_levels_are_for_one_error_an_approach_if_all_of_it_lasts(smoothing: float, warned: bool) -> None:
     given = ["integrity={method: mhss, p_constellation: 1.0e-8}", "signals.preset=open-sky"]
-    assert not any("effective_samples" in text for text in checked(SCENARIOS / "landing.yaml", given)[2])
+    told = checked(SCENARIOS / "landing.yaml", [*given, f"receiver.smoothing_s={smoothing}"])[2]
+    assert any("effective_samples" in text for text in told) == warned
+
+
+@pytest.mark.parametrize("study", ["placement_sweep", "placement_optimum"])
+def test_studies_warn_of_levels_as_landings_do(study: str) -> None:
+    given = ["set.integrity={method: mhss}", *(["objective=pdop"] if study == "placement_optimum" else [])]
+    assert any("effective_samples" in text for text in checked(SCENARIOS / f"{study}.yaml", given)[2])
 
 
 SILENCE = "events=[{what: silence, sources: [all], at_s: 5, until_s: 9}]"
