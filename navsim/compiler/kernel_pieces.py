@@ -13,12 +13,13 @@ from contextlib import contextmanager, nullcontext
 from typing import Any
 
 import llvmlite.binding as llvm
-from numba.core import sigutils
+from numba.core import ir, sigutils, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder, compile_result
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.environment import lookup_environment
+from numba.core.ir_utils import get_definition, guard
 from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import NativeLowering
 
@@ -102,6 +103,40 @@ def _entry() -> Any:
     return [].append
 
 
+_VIEWS = frozenset({
+    "build_tuple", "cast", "exhaust_iter", "getattr", "getitem", "getiter", "iternext", "null", "pair_first",
+    "pair_second", "phi", "static_getitem", "typed_getitem", "undef",
+})  # fmt: skip
+"""Expressions whose arrays have the memory of their operands."""
+
+
+def _borrows_all(state: Any) -> bool:
+    """Whether a function returns no array and owns none, so that it need not count references to its arrays.
+
+    That is half of the code of a function, and some of its time.
+    """
+    from navsim.compiler.lanes import BORROWING  # not before something is compiled
+
+    def has_owner(kind: Any) -> bool:
+        return bool(state.targetctx.data_model_manager[kind].contains_nrt_meminfo())
+
+    def borrows(value: Any) -> bool:
+        if not isinstance(value, ir.Expr) or value.op in _VIEWS:
+            return True
+        if value.op != "call":
+            return False
+        called = guard(get_definition, state.func_ir, value.func)
+        return isinstance(state.typemap[value.func.name], types.NamedTupleClass) or (
+            isinstance(called, ir.Global | ir.FreeVar) and called.value in BORROWING
+        )
+
+    return not has_owner(state.return_type) and all(
+        borrows(made.value) or not has_owner(state.typemap[made.target.name])
+        for block in state.func_ir.blocks.values()
+        for made in block.find_insts(ir.Assign)
+    )
+
+
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _PieceLowering(NativeLowering):
     """Lowering of pieces, which ends there."""
@@ -109,6 +144,8 @@ class _PieceLowering(NativeLowering):
     _name = "navsim_piece_lowering"
 
     def run_pass(self, state: Any) -> bool:
+        if _borrows_all(state):
+            state.targetctx = state.targetctx.subtarget(enable_nrt=False)
         state.library = _Unfinished(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags = state.flags.copy()
         for name in ("no_compile", "no_cpython_wrapper", "no_cfunc_wrapper"):

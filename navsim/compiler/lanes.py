@@ -337,6 +337,13 @@ def _fill_array(context: Any, builder: Any, kind: Any, data: Any, meminfo: Any, 
     return array._getvalue()
 
 
+def _counted(context: Any, builder: Any, kind: Any, array: Any) -> Any:
+    """An array with one reference more, in kernels that count them."""
+    if context.enable_nrt:
+        context.nrt.incref(builder, kind, array)
+    return array
+
+
 @_intrinsic
 def as_simd(typing: Any, array: Any) -> Any:
     """Array of lanes from `in_lanes`; other arrays are returned unchanged."""
@@ -345,13 +352,11 @@ def as_simd(typing: Any, array: Any) -> Any:
 
     def gen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         if sig.return_type == sig.args[0]:
-            context.nrt.incref(builder, sig.return_type, args[0])
-            return args[0]
+            return _counted(context, builder, sig.return_type, args[0])
         given = context.make_array(sig.args[0])(context, builder, args[0])
         shape = cgutils.unpack_tuple(builder, given.shape, sig.args[0].ndim)
         array = _fill_array(context, builder, sig.return_type, given.data, given.meminfo, shape)
-        context.nrt.incref(builder, sig.return_type, array)
-        return array
+        return _counted(context, builder, sig.return_type, array)
 
     return kind(array), gen
 
@@ -366,8 +371,7 @@ def numbers(typing: Any, array: Any) -> Any:
         shape = cgutils.unpack_tuple(builder, given.shape, sig.args[0].ndim)
         shape[-1] = builder.mul(shape[-1], ir.Constant(ir.IntType(64), sig.args[0].dtype.width))
         out = _fill_array(context, builder, sig.return_type, given.data, given.meminfo, shape)
-        context.nrt.incref(builder, sig.return_type, out)
-        return out
+        return _counted(context, builder, sig.return_type, out)
 
     return kind(array), gen
 
@@ -397,40 +401,6 @@ def alloc(typing: Any, like: Any, shape: Any) -> Any:
     return kind(like, shape), gen
 
 
-def _uncounted(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    if isinstance(kind, types.Array):
-        array = context.make_array(kind)(context, builder, value)
-        array.meminfo = cgutils.get_null_value(array.meminfo.type)
-        return array._getvalue()
-    if isinstance(kind, types.BaseTuple):
-        members: Any = kind
-        for i, member in enumerate(members):
-            part = _uncounted(context, builder, member, builder.extract_value(value, i))
-            value = builder.insert_value(value, part, i)
-    return value
-
-
-@_intrinsic
-def borrowed(typing: Any, record: Any) -> Any:
-    """The arrays of a record, and of records in it, without numba's count of references, which takes up to a quarter
-    of a kernel's time. They are valid while the caller has them, or up to `keep`."""
-
-    def gen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return _uncounted(context, builder, sig.args[0], args[0])
-
-    return record(record), gen
-
-
-@_intrinsic
-def keep(typing: Any, record: Any) -> Any:
-    """Keep the arrays of a record, of which there is a `borrowed` copy, up to here."""
-
-    def gen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return context.get_dummy_value()
-
-    return types.none(record), gen
-
-
 def _on_stack(context: Any, builder: Any, kind: Any, extents: list[int]) -> Any:
     element = context.get_data_type(kind.dtype)
     data = cgutils.alloca_once(builder, ir.ArrayType(element, math.prod(extents)))
@@ -457,3 +427,7 @@ def small_matrix(typing: Any, like: Any, rows: Any, columns: Any) -> Any:
         return _on_stack(context, builder, sig.return_type, extents)
 
     return _like(like, 2)(like, rows, columns), gen
+
+
+BORROWING = frozenset({as_simd, numbers, small_matrix, small_vector})
+"""Functions whose arrays have memory that others own, or the kernel's stack."""

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.compiler.jit import kernel, kernel_inline, kernel_internal
-from navsim.compiler.lanes import alloc, any_lane, as_simd, borrowed, keep, small_matrix, small_vector, where
+from navsim.compiler.lanes import alloc, any_lane, as_simd, small_matrix, small_vector, where
 from navsim.compiler.linear import copy, copy_matrix
 from navsim.filter.covariance import NOISE_ACCEL, NOISE_GYRO, gain_by_factor, innovation_factor, is_varying, predict
 from navsim.filter.error_parametrisation import rotate_bias_frame
@@ -250,9 +250,6 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
     chart: of `error_parametrisation.CHARTS`. state, stream: overwritten by those after the last event that was not
     ahead. history, errors: filled in where they have rows.
     """
-    imu, measurements, events, state, stream, model, history, errors = borrowed(
-        (imu, measurements, events, state, stream, model, history, errors)
-    )
     declared = model.declared
     state_nav, state_p, state_rejected = (
         as_simd(state.navigation),
@@ -264,7 +261,7 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
     n = state_p.shape[0]
     buffers = update_buffers(state_nav, n)
     space = propagation_buffers(state_nav, n, chart.straight, declared)
-    epoch, first = range_epoch(state_nav, n, 1, events, model.clock.scales.shape[0]), 0
+    epoch = range_epoch(state_nav, n, 1, events, model.clock.scales.shape[0])
     # the filter itself, and its copy that runs ahead
     navs, ps = alloc(state_nav, (2, state_nav.shape[0])), alloc(state_nav, (2, n, n))
     increments_pair, cursors = alloc(state_nav, (2, 6)), np.empty((2, 3))
@@ -275,17 +272,8 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
         alloc(state_nav, (3,)),
     )
     rejections = alloc(state_nav, (2, state_rejected.shape[0]))
-    constrained, shift = chart.kind in CONSTRAINED, as_simd(state.shift)
-    shifts, predicted = alloc(state_nav, (2, SHIFT_N)), alloc(state_nav, (state_nav.shape[0],))
+    shift, shifts, predicted = as_simd(state.shift), alloc(state_nav, (2, SHIFT_N)), alloc(state_nav, state_nav.shape)
     held = alloc(state_nav, (3, 3))
-    allocated = (
-        account, buffers, space, epoch, navs, ps, increments_pair, cursors, v, variance, m_force, rejections, shifts,
-        predicted, held,
-    )  # fmt: skip
-    (
-        account, buffers, space, epoch, navs, ps, increments_pair, cursors, v, variance, m_force, rejections, shifts,
-        predicted, held,
-    ) = borrowed(allocated)  # fmt: skip
     copy(state_nav, navs[0])
     copy_matrix(state_p, ps[0])
     copy(state_rejected, rejections[0])
@@ -298,6 +286,27 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
         start_line(line, navs[0, NAV_VEL:NAV_QUAT], cursors[0, 1])
         if chart.products > 0:
             start_products(chart.products, navs[0], ps[0])
+    work = (
+        account, buffers, space, epoch, navs, ps, increments_pair, cursors, v, variance, m_force, rejections, shifts,
+        predicted, held,
+    )  # fmt: skip
+    _process(chart, imu, measurements, events, model, line, record, work)
+    copy(navs[0], state_nav)
+    copy_matrix(ps[0], state_p)
+    copy(rejections[0], state_rejected)
+    copy(shifts[0], shift)
+    copy(increments_pair[0], stream_increments)
+    copy(cursors[0], stream.cursor)
+
+
+@kernel
+def _process(chart, imu, measurements, events, model, line, record, work):
+    """Process the events; `work` is what `run` allocates. Apart from it, since it owns no array."""
+    (
+        account, buffers, space, epoch, navs, ps, increments_pair, cursors, v, variance, m_force, rejections, shifts,
+        predicted, held,
+    ) = work  # fmt: skip
+    declared, constrained, first = model.declared, chart.kind in CONSTRAINED, 0
     before = 0
     for i in range(events.time.shape[0]):
         ahead = 1 if events.ahead[i] else 0
@@ -396,10 +405,3 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
                 start_products(chart.products, nav, p)
             if constrained:
                 note_shift(nav, predicted, buffers.x, shifts[ahead])
-    copy(navs[0], state_nav)
-    copy_matrix(ps[0], state_p)
-    copy(rejections[0], state_rejected)
-    copy(shifts[0], shift)
-    copy(increments_pair[0], stream_increments)
-    copy(cursors[0], stream.cursor)
-    keep(allocated)

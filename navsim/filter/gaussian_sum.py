@@ -31,7 +31,7 @@ import numpy as np
 
 from navsim.compiler.elementary import exp_of_negative
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import alloc, any_lane, as_simd, borrowed, keep, no, small_vector, where
+from navsim.compiler.lanes import alloc, any_lane, as_simd, no, small_vector, where
 from navsim.compiler.linear import cholesky, copy
 from navsim.filter import tfg
 from navsim.filter.covariance import gain, innovation_factor
@@ -242,9 +242,6 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
     The components of `state` continue. Its navigation and covariance become their moments after the last event that was
     not ahead. The increments of `stream` are unused: each component has its own.
     """
-    imu, measurements, events, state, stream, model, history, errors = borrowed(
-        (imu, measurements, events, state, stream, model, history, errors)
-    )
     declared = model.declared
     state_nav, state_p, state_rejected = (
         as_simd(state.navigation),
@@ -270,7 +267,7 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
         propagation_buffers(state_nav, n, chart.straight, declared),
         mixture_buffers(state_nav, n, most),
     )
-    epoch, first = range_epoch(state_nav, n, most, events, model.clock.scales.shape[0]), 0
+    epoch = range_epoch(state_nav, n, most, events, model.clock.scales.shape[0])
     # the copy that runs ahead
     runs_ahead = False
     for i in range(events.ahead.shape[0]):  # numba's own `any` loads its linear algebra at every start
@@ -279,14 +276,6 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
     line, v, variance = as_simd(state.steady), alloc(state_nav, (3,)), alloc(state_nav, (3,))
     m_force, turns, attitude = alloc(state_nav, (3,)), alloc(state_nav, (most, 3)), alloc(state_nav, (4,))
     rejections, cursors, cursor = alloc(state_nav, (2, state_rejected.shape[0])), np.empty((2, 3)), np.empty(3)
-    allocated = (
-        account, buffers, zs, ss, phts, squares, sizes, numbers, spreads, there, space, mixture_work, epoch, late, v,
-        variance, m_force, turns, attitude, rejections, cursors, cursor, held,
-    )  # fmt: skip
-    (
-        account, buffers, zs, ss, phts, squares, sizes, numbers, spreads, there, space, mixture_work, epoch, late, v,
-        variance, m_force, turns, attitude, rejections, cursors, cursor, held,
-    ) = borrowed(allocated)  # fmt: skip
     copy(state_rejected, rejections[0])
     copy(stream.cursor, cursors[0])
     if stream.cursor[0] < 0.0:
@@ -296,6 +285,24 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
             if chart.products > 0:
                 start_products(chart.products, own.navigation[j], own.covariance[j])
         start_line(line, own.navigation[0, NAV_VEL:NAV_QUAT], cursors[0, 1])
+    work = (
+        account, buffers, zs, ss, phts, squares, sizes, numbers, spreads, there, space, mixture_work, epoch, late, v,
+        variance, m_force, turns, attitude, rejections, cursors, cursor, held,
+    )  # fmt: skip
+    _process(chart, imu, measurements, events, model, line, record, own, work)
+    moments(own, state_nav, state_p, True, space, mixture_work)
+    copy(rejections[0], state_rejected)
+    copy(cursors[0], stream.cursor)
+
+
+@kernel
+def _process(chart, imu, measurements, events, model, line, record, own, work):
+    """Process the events; `work` is what `run` allocates. Apart from it, since it owns no array."""
+    (
+        account, buffers, zs, ss, phts, squares, sizes, numbers, spreads, there, space, mixture_work, epoch, late, v,
+        variance, m_force, turns, attitude, rejections, cursors, cursor, held,
+    ) = work  # fmt: skip
+    declared, first = model.declared, 0
     before = 0
     for i in range(events.time.shape[0]):
         ahead = 1 if events.ahead[i] else 0
@@ -446,7 +453,3 @@ def run(chart, imu, measurements, events, state, stream, model, history, errors)
             # places in the epoch are those of its beginning
             if kind != RANGE or is_epoch_boundary(events, i, 0):
                 compact_components(now)
-    moments(own, state_nav, state_p, True, space, mixture_work)
-    copy(rejections[0], state_rejected)
-    copy(cursors[0], stream.cursor)
-    keep(allocated)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import borrowed, fma, keep
+from navsim.compiler.lanes import fma
 from navsim.compiler.linear import copy, copy_matrix, identity
 from navsim.filter.covariance import gain, joseph, propagate_covariance, propagate_markov_states
 from navsim.filter.error_parametrisation import PLAIN
@@ -196,9 +196,6 @@ def linearise(imu, measurements, events, steps, state, model, both, markov, nois
     - `noises` (NOISES,) bool: simulated noises; nothing is added for the others.
     - `out`: filled in.
     """
-    imu, measurements, events, steps, state, model, both, out = borrowed(
-        (imu, measurements, events, steps, state, model, both, out)
-    )
     n = out.assumed.shape[1]
     declared = model.declared
     h, z, r, s = (
@@ -214,11 +211,18 @@ def linearise(imu, measurements, events, steps, state, model, both, markov, nois
     navs, ps, increments_pair, cursors = (
         np.empty((2, state.navigation.shape[0])), np.empty((2, n, n)), np.empty((2, 6)), np.zeros((2, 3)),
     )  # fmt: skip
-    allocated = h, z, r, s, pht, work, space, errors, tools, navs, ps, increments_pair, cursors
-    h, z, r, s, pht, work, space, errors, tools, navs, ps, increments_pair, cursors = borrowed(allocated)
     copy(state.navigation, navs[0])
     copy_matrix(state.covariance, ps[0])
     start_mechanisation(imu, navs[0], declared, cursors[0], increments_pair[0])
+    allocated = h, z, r, s, pht, work, space, errors, tools, navs, ps, increments_pair, cursors
+    _process(imu, measurements, events, steps, model, (markov, noises), out, allocated)
+
+
+@kernel
+def _process(imu, measurements, events, steps, model, noise, out, allocated):
+    """Process the events; `allocated` is what `linearise` allocates. Apart from it, since it owns no array."""
+    h, z, r, s, pht, work, space, errors, tools, navs, ps, increments_pair, cursors = allocated
+    (markov, noises), declared, n = noise, model.declared, out.assumed.shape[1]
     before = 0
     for i in range(events.time.shape[0]):
         # outputs ahead of late fixes are those of a copy, which starts from the present filter
@@ -257,4 +261,3 @@ def linearise(imu, measurements, events, steps, state, model, both, markov, nois
                         u += h[a, c] * pht[c, b]
                     out.expected[w, a, b] = u
             joseph(p, h, r, m, pht, out.gain[w], work)
-    keep(allocated)
