@@ -130,11 +130,15 @@ def _borrows_all(state: Any) -> bool:
             isinstance(called, ir.Global | ir.FreeVar) and called.value in BORROWING
         )
 
-    return not has_owner(state.return_type) and all(
-        borrows(made.value) or not has_owner(state.typemap[made.target.name])
-        for block in state.func_ir.blocks.values()
-        for made in block.find_insts(ir.Assign)
-    )
+    def keeps_count(step: Any) -> bool:
+        if isinstance(step, ir.SetItem | ir.StaticSetItem):  # numba copies an array that it assigns
+            return has_owner(state.typemap[step.value.name])
+        return isinstance(step, ir.DynamicRaise) or (
+            isinstance(step, ir.Assign) and has_owner(state.typemap[step.target.name]) and not borrows(step.value)
+        )
+
+    blocks = state.func_ir.blocks.values()
+    return not has_owner(state.return_type) and not any(keeps_count(step) for block in blocks for step in block.body)
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
