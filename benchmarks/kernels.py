@@ -188,7 +188,7 @@ def by_states(plan: Plan) -> tuple[list[Line], Curve]:
 
 def placements(plan: Plan) -> list[Line]:
     """DOPs of 200 x 200 placements of two pseudolites at 121 epochs, 12 sources: 4.84 million solutions."""
-    from navsim.landing.sources import environment
+    from navsim.environment.sources import environment
     from navsim.optimization.placement import RunwayPlane
     from navsim.simulation.placement_geometry import glide_geometry
 

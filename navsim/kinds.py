@@ -65,11 +65,14 @@ KINDS = {
         "replay", "navsim.ranging.report:VIEW", "navsim.ranging.scenario:RecordedRanges", "navsim.ranging.job:RangeJob",
         "log", "navsim.ranging.job:check",
     ),
-    "table2": Kind("table2", "navsim.landing.table2_report:VIEW", job="navsim.landing.table2_job:job"),
-    "integrity-table": Kind(
-        "integrity-table", "navsim.landing.integrity_table_report:VIEW", job="navsim.landing.integrity_table_job:job"
+    "table2": Kind(
+        "table2", "navsim.published_tables.table2_report:VIEW", job="navsim.published_tables.table2_job:job"
     ),
-    "live": Kind("live", "navsim.replays.live_report:VIEW"),
+    "integrity-table": Kind(
+        "integrity-table", "navsim.published_tables.integrity_table_report:VIEW",
+        job="navsim.published_tables.integrity_table_job:job",
+    ),
+    "live": Kind("live", "navsim.live.report:VIEW"),
 }  # fmt: skip
 OF_FILES = tuple(name for name, kind in KINDS.items() if kind.section)
 """The kinds that files have."""

@@ -23,14 +23,14 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import brentq, least_squares, minimize_scalar
 
+from navsim.environment.sources import environment, glide_epochs
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.dop import normals
 from navsim.gnss.sky import enu_matrix, unit_vector
-from navsim.landing.sources import environment, glide_epochs
 from navsim.landing.study import covariance_analysis, covariance_result, prepare
-from navsim.landing.table2 import PUBLISHED, PUBLISHED_DOPS, PUBLISHED_SKO, ROWS
-from navsim.scenario.base import DEG
+from navsim.published_tables.table2 import PUBLISHED, PUBLISHED_DOPS, PUBLISHED_SKO, ROWS
 from navsim.scenario.load import read
+from navsim.scenario_files.base import DEG
 from navsim.simulation.placement_geometry import glide_geometry, rows
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -13,8 +13,8 @@ import measured
 import numpy as np
 from measured import SEED, command, count, levels, row, share, summary
 
-from navsim.landing import integrity_table
 from navsim.landing.study import covariance_analysis, covariance_result, prepare
+from navsim.published_tables import integrity_table
 from navsim.scenario.load import read
 
 CONSTELLATION = "p_constellation: 1.0e-8"

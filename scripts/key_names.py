@@ -1,4 +1,4 @@
-"""Write navsim/scenario/keys.json, the names of all keys, from the models: `make docs`."""
+"""Write navsim/scenario_files/keys.json, the names of all keys, from the models: `make docs`."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import json
 from typing import Any
 
 from navsim.kinds import OF_FILES
-from navsim.scenario.key_names import FILE
-from navsim.scenario.keys import rows
 from navsim.scenario.load import section
+from navsim.scenario_files.key_names import FILE
+from navsim.scenario_files.keys import rows
 
 
 def collected() -> dict[str, dict[str, list[str]]]:

@@ -35,7 +35,7 @@ from navsim.gnss.constellations.systems import GLONASS, GPS
 from navsim.landing import study as landing
 from navsim.ranging.scenario import RecordedRanges
 from navsim.scenario.load import read, read_any
-from navsim.scenario.presets import SENSOR_CLASSES
+from navsim.scenario_files.presets import SENSOR_CLASSES
 from navsim.sensors import imu
 from navsim.simulation.measurements import measured, receiver_fixes
 from navsim.statistics.random_streams import generator

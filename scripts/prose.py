@@ -27,8 +27,8 @@ from proselint.registry.checks.engine import Fancy, RegexOptions
 from proselint.tools import LintFile
 
 from navsim.kinds import OF_FILES
-from navsim.scenario.keys import rows
 from navsim.scenario.load import section
+from navsim.scenario_files.keys import rows
 
 ROOT = Path(__file__).resolve().parent.parent
 ACCEPTED = Path(__file__).with_name("prose_accepted.txt")

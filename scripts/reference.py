@@ -13,12 +13,12 @@ import result_file
 import yaml
 
 from navsim.kinds import OF_FILES
-from navsim.scenario import shipped
 from navsim.scenario.imu import NEEDED
-from navsim.scenario.keys import ITEM, NAME, KeyRow, rows
 from navsim.scenario.load import section
-from navsim.scenario.presets import IMU_PRESETS, IMU_SHEETS
-from navsim.scenario.source import load
+from navsim.scenario_files import shipped
+from navsim.scenario_files.keys import ITEM, NAME, KeyRow, rows
+from navsim.scenario_files.presets import IMU_PRESETS, IMU_SHEETS
+from navsim.scenario_files.source import load
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "reference"
 

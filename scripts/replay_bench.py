@@ -24,7 +24,7 @@ from navsim.replays import study
 from navsim.results.findings import of
 from navsim.scenario.imu import Accelerometer, Gyro
 from navsim.scenario.load import read_replay
-from navsim.scenario.presets import SENSOR_CLASSES
+from navsim.scenario_files.presets import SENSOR_CLASSES
 from navsim.sensors.imu import Triad
 from navsim.trajectory.recorded import RecordedTrajectory
 from tests.recordings import circuit, quadrotor, write_recording

@@ -21,15 +21,15 @@ import replay_bench
 from measured import row
 
 import navsim
-from navsim.formats.logs.reading import read_logs
-from navsim.formats.logs.tables import log_files
 from navsim.formats.recorded_data import Fixes, Samples
 from navsim.formats.recording import read_fixes, read_imu
+from navsim.logs.reading import read_logs
+from navsim.logs.tables import log_files
+from navsim.recording_checks.mistakes import Mistake
 from navsim.replays import study
-from navsim.replays.mistakes import Mistake
 from navsim.replays.reading import ReplayError
 from navsim.scenario.load import read_replay
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from tests.logs import dataflash_of, ulog_of, write_dataflash, write_ulog
 from tests.mistakes import MISTAKES, Made
 from tests.recordings import circuit, drive, quadrotor, record, write_recording

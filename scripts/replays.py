@@ -18,9 +18,9 @@ import replay_bench
 from measured import row
 from scipy.spatial.transform import Rotation
 
-from navsim.formats.logs.reading import read_logs
-from navsim.formats.logs.tables import log_files
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.logs.reading import read_logs
+from navsim.logs.tables import log_files
 from navsim.replays import study
 from navsim.results.result import Result
 from navsim.scenario.load import read_replay

@@ -480,7 +480,7 @@ def _telling(progress: Told | None, extent: int) -> Iterator[Progress]:
 def _source(scenario: Scenario, noun: str) -> Source:
     """Path of a file, or a mapping as a source. noun: name of a mapping in messages."""
     if isinstance(scenario, Mapping):
-        from navsim.scenario.source import of_data
+        from navsim.scenario_files.source import of_data
 
         with translate_input_errors():
             return of_data(scenario, noun)
@@ -492,7 +492,7 @@ def _source(scenario: Scenario, noun: str) -> Source:
 
 
 def _assignments(given: Mapping[str, Any] | None) -> list[Assignment]:
-    from navsim.scenario.source import Setting
+    from navsim.scenario_files.source import Setting
 
     return [Setting(key, value) for key, value in (given or {}).items()]
 

@@ -30,7 +30,7 @@ def drawn_figures(ctx: Any, incomplete: str) -> list[str]:
 
 def assignments(ctx: Any, incomplete: str) -> Iterator[str]:
     """Keys for `--set`, or, behind a key and `=`, the values it may have."""
-    from navsim.scenario.key_names import key_names
+    from navsim.scenario_files.key_names import key_names
 
     known = key_names()
     keys: dict[str, list[str]] = {}

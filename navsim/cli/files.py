@@ -16,8 +16,8 @@ from navsim.cli.options import set_option
 from navsim.kinds import KINDS, OF_FILES
 from navsim.runner.errors import BadInput
 from navsim.runner.opening import checked, schema_of
-from navsim.scenario import shipped
-from navsim.scenario.shipped import names
+from navsim.scenario_files import shipped
+from navsim.scenario_files.shipped import names
 
 
 def validate(
@@ -66,7 +66,7 @@ def schema(
 ) -> None:
     """Print the JSON Schema of a kind of file, with unit, range and default of each key."""
     from navsim.results.atomic_write import write_atomically
-    from navsim.scenario.json_schema import ANY, installed, published
+    from navsim.scenario_files.json_schema import ANY, installed, published
 
     with leaving():
         found = schema_of(ANY if all_ and kind in OF_FILES else kind)
@@ -101,9 +101,9 @@ def keys(
 
     N in a key is the index of a list item, from 0; NAME is a name that you choose.
     """
-    from navsim.scenario.base import hint
-    from navsim.scenario.keys import matching, nearest, rows
     from navsim.scenario.load import section
+    from navsim.scenario_files.base import hint
+    from navsim.scenario_files.keys import matching, nearest, rows
 
     if kind is None:
         if json_:
@@ -157,7 +157,7 @@ def variables(
     """
     from navsim.results.schema import LAYOUTS
     from navsim.results.variables import rows_of
-    from navsim.scenario.base import hint
+    from navsim.scenario_files.base import hint
 
     if layout is None:
         if json_:
@@ -203,7 +203,7 @@ def init(
     navsim also writes the files that the scenario uses, such as the base of a study, unless they exist. After
     `navsim schema --install` its first line names the schema for editors.
     """
-    from navsim.scenario.base import hint
+    from navsim.scenario_files.base import hint
 
     if template not in names():
         leave(BAD_INPUT, f"there is no template {template!r}; {hint(template, names())}")
@@ -211,7 +211,7 @@ def init(
     if target.exists():
         leave(BAD_INPUT, f"{target}: exists already and stays untouched; choose another name with -o")
     make_folder(target)
-    from navsim.scenario.json_schema import modeline
+    from navsim.scenario_files.json_schema import modeline
 
     beside = {target.parent / name: shipped.content(name) for name in shipped.needs(template)}
     written = []

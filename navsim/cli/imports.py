@@ -14,7 +14,7 @@ from navsim.cli.exit_status import BAD_INPUT
 from navsim.cli.options import number_option
 
 FORMATS = ("ardupilot", "px4", "ublox", "nmea", "rtklib", "kf-gins", "comma2k19")
-"""As of `formats.logs.reading`, which `--help` does without."""
+"""As of `logs.reading`, which `--help` does without."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def imu_sheet(
     from navsim.formats.text import FileError
     from navsim.replays.imu_sheet import StaticError, curve, figure, measure, read_static, sheet, tables
     from navsim.results.atomic_write import write_atomically
-    from navsim.scenario.source import InputError
+    from navsim.scenario_files.source import InputError
 
     folder = given.output or Path(f"{log.resolve().stem}_imu")
     names = ("imu.yaml", "allan.csv", "allan.png")

@@ -52,7 +52,7 @@ def choice_option(words: object, meaning: str) -> Any:
 
     def parse(given: str) -> str:
         if given not in allowed:
-            from navsim.scenario.base import hint
+            from navsim.scenario_files.base import hint
 
             raise typer.BadParameter(f"{given[:40]!r} is not allowed; {hint(given, allowed)}")
         return given

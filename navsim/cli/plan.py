@@ -50,7 +50,7 @@ def plan(
 
     navsim serves the page on this machine, at 127.0.0.1, until Ctrl-C.
     """  # fmt: skip
-    from navsim.scenario.source import MOST_BYTES, InputError, load
+    from navsim.scenario_files.source import MOST_BYTES, InputError, load
 
     try:
         from navsim.planner.server import ADDRESS, Planner, outlines
@@ -64,8 +64,8 @@ def plan(
     from navsim.planner.proposal import PlannedScenario
     from navsim.results import files
     from navsim.results.result import ResultError, check_writable
-    from navsim.scenario import shipped
     from navsim.scenario.load import read
+    from navsim.scenario_files import shipped
 
     path = scenario or shipped.path(_TEMPLATE)
     target = output or (path.with_name(f"{path.stem}_planned.yaml") if scenario else Path(f"{_TEMPLATE}_planned.yaml"))

@@ -35,7 +35,7 @@ from navsim.runner.resources import Request, check_resources
 from navsim.runner.target import check_target, locked_target, save
 
 if TYPE_CHECKING:
-    from navsim.replays.live import Session
+    from navsim.live.session import Session
 
 _KERNELS = "live"
 """The name of those that a live session takes, as of `runner.job.Job`."""
@@ -147,7 +147,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: OutputOptions) ->
         failed = target if care.force or not target.exists() else target.with_stem(f"{target.stem}_failed")
         check_target(failed, sort, care.force)
     from navsim.compiler import jit
-    from navsim.replays import live as flying
+    from navsim.live import session as flying
     from navsim.results.findings import kept
 
     with leaving():
@@ -188,11 +188,11 @@ def _session(scenario: Path, given: LiveOptions, care: OutputOptions, target: Pa
     """The landing, ready for live data."""
     from navsim.landing import study as landing
     from navsim.landing.estimate import estimate_landing as estimated
+    from navsim.live.session import Block, Session
     from navsim.replays import source_clock
-    from navsim.replays.live import Block, Session
     from navsim.scenario.filter import SMOOTHERS
     from navsim.scenario.load import read
-    from navsim.scenario.source import InputError
+    from navsim.scenario_files.source import InputError
 
     def ask(section: Any, sources: Any) -> None:
         check_resources(Request(scenario, target, care.over_budget), estimated(section, sources), AT_TERMINAL)

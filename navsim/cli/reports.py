@@ -39,7 +39,7 @@ def report(
     results = [read_result(path) for path in files]
     make_folder(target)
     try:
-        from navsim.report.page.document import GENERATOR, page
+        from navsim.page.document import GENERATOR, page
         from navsim.report.provenance import Read
     except ModuleNotFoundError as error:
         if str(error.name).partition(".")[0] not in ("bokeh", "jinja2", "markupsafe"):

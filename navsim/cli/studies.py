@@ -149,7 +149,7 @@ def table2(given: Table2Options, care: OutputOptions) -> None:
     navsim exits with code 1 unless the paper's best positions have the lowest PDOP (claim C3), and pseudolites reduce
     the estimation error (C4).
     """
-    from navsim.landing.table2_job import Table2Job
+    from navsim.published_tables.table2_job import Table2Job
     from navsim.runner.job import Options
 
     options = Options(given.seed, given.runs, workers=given.workers)
@@ -191,10 +191,10 @@ def integrity_table(
     For each number of sources navsim prints whether the geometry allows a fix, fault detection and fault exclusion,
     and at which share of epochs both protection levels are within the alert limits.
     """
-    from navsim.landing.integrity_table_job import IntegrityTableJob
+    from navsim.published_tables.integrity_table_job import IntegrityTableJob
     from navsim.runner.job import Options
-    from navsim.scenario import shipped
     from navsim.scenario.load import read
+    from navsim.scenario_files import shipped
 
     file = shipped.path("landing") if scenario is None else scenario
     with leaving(), translate_errors(file):

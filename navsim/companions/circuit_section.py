@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from navsim.scenario.base import DEG, LONGEST_FLIGHT, ListOf, Pair, Section, Signed, Triple
+from navsim.scenario_files.base import DEG, LONGEST_FLIGHT, ListOf, Pair, Section, Signed, Triple
 
 if TYPE_CHECKING:
     from navsim.companions.circuit import Circuit

@@ -17,7 +17,7 @@ from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import Budget
 from navsim.runner.executor import Executor
 from navsim.runner.job import OptionError, Options, Outcome, Progress, ResourceCheck
-from navsim.scenario.source import Document
+from navsim.scenario_files.source import Document
 
 
 class Compute(Protocol):

@@ -12,8 +12,7 @@ from bokeh.plotting import figure
 from navsim.companions.atc import report as atc
 from navsim.companions.azimuth import report as azimuth
 from navsim.companions.elevation import report as elevation
-from navsim.report.figure_data import settled
-from navsim.report.page.plots import (
+from navsim.page.plots import (
     ORANGE,
     Drawing,
     Key,
@@ -36,6 +35,7 @@ from navsim.report.page.plots import (
     ticks,
     upright,
 )
+from navsim.report.figure_data import settled
 from navsim.report.result_cells import setting
 from navsim.results.result import Result
 from navsim.statistics.rounding import digits

@@ -13,7 +13,8 @@ from numba.core import event
 _SAY_EVERY_S = 5.0
 
 PARTS = {
-    "companions": "the tracking filters", "compiler": "arithmetic", "filter": "the navigation filter",
+    "companions": "the tracking filters", "compiler": "arithmetic", "error_propagation": "the covariance analysis",
+    "filter": "the navigation filter",
     "geodesy": "positions and attitudes on the Earth", "gnss": "the satellite receiver",
     "integrity": "protection levels", "ranging": "the filter of ranges", "sensors": "the inertial sensors",
     "simulation": "the simulated measurements", "statistics": "noise and statistics", "trajectory": "the autopilot",

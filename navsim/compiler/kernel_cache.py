@@ -29,8 +29,8 @@ from navsim.compiler.linker import is_piece, piece_state, restore_piece, within_
 from navsim.compiler.protected_folder import ProtectedFolder
 
 KERNEL_ROOMS = (
-    "compiler", "geodesy", "statistics", "trajectory", "gnss", "sensors", "filter", "simulation", "integrity",
-    "companions", "ranging",
+    "compiler", "geodesy", "statistics", "trajectory", "gnss", "sensors", "filter",
+    "error_propagation", "simulation", "integrity", "companions", "ranging",
 )  # fmt: skip
 """Rooms of the package with kernels, or with data that kernels read."""
 _DIGEST = 32

@@ -30,7 +30,7 @@ import numpy as np
 from navsim.formats import simulated_log
 from navsim.formats.export import lacking, start_of
 from navsim.formats.export_maps import undulation_of
-from navsim.formats.logs.contents import INSTALL
+from navsim.formats.text import INSTALL_LOGS
 from navsim.geodesy.attitude import dcm_from_rpy
 from navsim.gnss import timescales
 from navsim.results.atomic_write import replacing
@@ -163,7 +163,7 @@ def _dialect() -> Any:
     except ModuleNotFoundError as error:
         if str(error.name).partition(".")[0] != "pymavlink":
             raise
-        raise ResultError(f"pymavlink writes these messages, and is not installed here: {INSTALL}") from None
+        raise ResultError(f"pymavlink writes these messages, and is not installed here: {INSTALL_LOGS}") from None
     return development
 
 

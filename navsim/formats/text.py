@@ -34,6 +34,8 @@ from typing import Any, BinaryIO
 from navsim.gnss import timescales
 from navsim.results import files
 
+INSTALL_LOGS = "pip install '.[logs]' in the folder of navsim"
+"""Command that installs the libraries of logs."""
 MOST_BYTES = 800_000_000
 """Largest memory for the lines of a file: their bytes, and `LINE` for each. All readers refuse larger files before they
 decompress more."""

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from navsim.environment.sources import touchdown_time
 from navsim.filter import states
 from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS
@@ -22,13 +23,12 @@ from navsim.gnss.signals import Environment, Pseudolites
 from navsim.landing.beacons import BeaconGeometry, beacon_geometry, curvature_warnings
 from navsim.landing.faults import watching
 from navsim.landing.preflight import PreflightChecks, modelled
-from navsim.landing.sources import touchdown_time
 from navsim.results.schema import HEIGHTS, RMS_WINDOW
 from navsim.runner.statistics import gate_limits
-from navsim.scenario.base import DEG
 from navsim.scenario.landing import Landing
 from navsim.scenario.signals import ClockNoise
-from navsim.scenario.source import Document
+from navsim.scenario_files.base import DEG
+from navsim.scenario_files.source import Document
 from navsim.sensors.beacons import Beacons
 from navsim.sensors.ground_stations import GroundStation
 from navsim.sensors.imu import Triad

@@ -34,8 +34,8 @@ from navsim.runner.control_variates import LEAST_RUNS
 from navsim.runner.exact_sums import Sums, blocks
 from navsim.runner.executor import Executor
 from navsim.runner.findings import Flaws
-from navsim.scenario.base import DEG
 from navsim.scenario.load import resolved_yaml
+from navsim.scenario_files.base import DEG
 from navsim.simulation.first_order import FirstOrder
 from navsim.simulation.landing import LOOP_TOLERANCE
 from navsim.simulation.run import Run

@@ -10,9 +10,9 @@ from navsim.integrity.gbas_station import GbasStation
 from navsim.integrity.innovations import InnovationTest
 from navsim.integrity.monitoring import ExpectedFault, Monitoring
 from navsim.integrity.residuals import ChiSquareTest
-from navsim.scenario.base import DEG
 from navsim.scenario.integrity import GroundGroup, IntegritySection, transmitter_prior
 from navsim.scenario.landing import Landing
+from navsim.scenario_files.base import DEG
 from navsim.simulation.filter_bank import FilterBank
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from navsim.environment.sources import on_glide
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.events import BEACONS, Event, Silence
 from navsim.integrity import sbas_gbas
@@ -31,15 +32,14 @@ from navsim.integrity.monitoring import (
     vertical_sigma,
 )
 from navsim.landing.case import Case, times_at_heights
-from navsim.landing.sources import on_glide
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding
 from navsim.results.schema import COVARIANCE
 from navsim.runner.batches import Ensemble
 from navsim.runner.checkpoint import Arrays
 from navsim.runner.statistics import mean_interval, share_interval
-from navsim.scenario.base import DEG
 from navsim.scenario.requirements import LevelRequirement, singles
+from navsim.scenario_files.base import DEG
 from navsim.simulation.filter_bank import FilterBank, beacons_received
 from navsim.simulation.run import Run
 from navsim.statistics.rounding import digits

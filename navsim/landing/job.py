@@ -15,7 +15,7 @@ from navsim.runner.estimate import Budget
 from navsim.runner.executor import Executor
 from navsim.runner.job import OptionError, Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.landing import Landing
-from navsim.scenario.source import Document, InputError, Problem
+from navsim.scenario_files.source import Document, InputError, Problem
 
 MOST_RUNS = 1_000_000
 """Largest number of runs with `--until`, unless --runs is given."""

@@ -24,9 +24,9 @@ from navsim.results.schema import FINDINGS, INPUTS, PART, PROVENANCE, SCHEMA_VER
 from navsim.runner.batches import Batch
 from navsim.runner.job import OptionError
 from navsim.runner.merge_state import batch_of, mergeable, together
-from navsim.scenario.base import validated
 from navsim.scenario.landing import Landing
-from navsim.scenario.source import InputError, parse
+from navsim.scenario_files.base import validated
+from navsim.scenario_files.source import InputError, parse
 
 Parts = list[tuple[Path, Result]]
 """Results by the files they are in."""

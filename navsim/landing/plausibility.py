@@ -13,7 +13,7 @@ import numpy as np
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.scenario.approach import PaperApproach, SmoothApproach, WaypointApproach
 from navsim.scenario.landing import Landing
-from navsim.scenario.presets import BEACON_PRESETS, BEACON_UNVERIFIED
+from navsim.scenario_files.presets import BEACON_PRESETS, BEACON_UNVERIFIED
 from navsim.statistics.rounding import digits
 from navsim.trajectory.approach import ROLL_OUT, TOUCHDOWN
 from navsim.trajectory.kinematics import Moving, Trajectory

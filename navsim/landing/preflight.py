@@ -20,15 +20,15 @@ from navsim.gnss.events import EVERY
 from navsim.gnss.interference.horizon import Terrain, flown_under
 from navsim.landing.plausibility import implausible, one_direction
 from navsim.scenario.approach import FileApproach
-from navsim.scenario.base import DEG, KeyedError
 from navsim.scenario.box import BoxSection
 from navsim.scenario.events import EventSection
 from navsim.scenario.integrity import IntegritySection
 from navsim.scenario.landing import Landing
-from navsim.scenario.presets import IMU_SHEETS
 from navsim.scenario.requirements import INTEGRITY, PresetRequirement
 from navsim.scenario.sky import SOURCES_FROM_FILES
-from navsim.scenario.source import Document, InputError, Problem, dotted
+from navsim.scenario_files.base import DEG, KeyedError
+from navsim.scenario_files.presets import IMU_SHEETS
+from navsim.scenario_files.source import Document, InputError, Problem, dotted
 from navsim.statistics.rounding import digits
 from navsim.trajectory.approach import TOUCHDOWN
 from navsim.trajectory.go_around import GO_AROUND
@@ -319,8 +319,8 @@ def trajectory_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
         )
     out += implausible(scenario, trajectory) + one_direction(scenario, trajectory)
     if scenario.beacons is not None:
+        from navsim.environment.sources import on_glide
         from navsim.landing.beacons import beacon_geometry, beacon_warnings
-        from navsim.landing.sources import on_glide
 
         time = scenario.receiver.model().epochs(scenario.duration_s, scenario.imu.rate_hz)
         geometry = beacon_geometry(scenario.beacons.model(scenario), trajectory, time)
@@ -350,8 +350,8 @@ def _never_down(scenario: Landing, trajectory: Moving, touchdown: float) -> list
 
 def station_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
     """Warnings about ground stations: outages outside the flight, places, a path outside the coverage."""
+    from navsim.environment.sources import touchdown_time
     from navsim.filter.measurement_kinds import AZIMUTH, DISTANCE, ELEVATION
-    from navsim.landing.sources import touchdown_time
     from navsim.scenario.ground_stations import ElevationStationSection, StationSection
 
     out, end = [], touchdown_time(scenario, trajectory)
@@ -480,7 +480,7 @@ def modelled(scenario: Landing, document: Document) -> tuple[Moving, Environment
 
     Raises InputError for unusable files, and for pseudolites in the way of the aircraft.
     """
-    from navsim.landing.sources import environment, trajectory_of
+    from navsim.environment.sources import environment, trajectory_of
 
     trajectory, scenario = trajectory_of(scenario, document)
     if isinstance(scenario.approach, FileApproach):  # of others the scenario itself knows the track

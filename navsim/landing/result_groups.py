@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from navsim.environment.sources import on_glide
 from navsim.filter import states
 from navsim.geodesy.earth import FOOT, ned_matrix
 from navsim.gnss import timescales
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.interference.horizon import skyline_elevation
 from navsim.landing.case import Case, crossing_times
-from navsim.landing.sources import on_glide
 from navsim.results.builder import ResultBuilder
 from navsim.results.schema import COVARIANCE, HEIGHTS, SKY_TIMES, SKYLINE
 from navsim.runner.attributes import root_attributes

@@ -17,9 +17,9 @@ from navsim.runner.batches import Ensemble
 from navsim.runner.checkpoint import Arrays
 from navsim.runner.statistics import mean_interval, rms_interval, share_interval
 from navsim.scenario.approach import FileApproach
-from navsim.scenario.base import DEG
 from navsim.scenario.guidance import IndicatorSection
 from navsim.scenario.landing import Landing
+from navsim.scenario_files.base import DEG
 from navsim.simulation.run import Run
 from navsim.trajectory.approach import TOUCHDOWN
 

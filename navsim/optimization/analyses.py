@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from navsim.environment.sources import touchdown_time
 from navsim.gnss.constellations.constellation import CachedConstellation
 from navsim.gnss.pseudorange import Signals
 from navsim.gnss.signals import Environment, build_signals
@@ -27,7 +28,6 @@ from navsim.landing.covariance import (
 )
 from navsim.landing.integrity import spread_over
 from navsim.landing.requirements import Fulfilment, sizes_of
-from navsim.landing.sources import touchdown_time
 from navsim.optimization.placement import ObjectiveFunction, Rules, RunwayPlane
 from navsim.optimization.scenario import LEVEL_OBJECTIVES
 from navsim.results.findings import Finding

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
+from navsim.environment.sources import glide_epochs
 from navsim.gnss.signals import Environment
 from navsim.landing.confirmation import RUNS
 from navsim.landing.preflight import fix_warnings
 from navsim.landing.simulation_size import ANALYSED_MEMORY, SAMPLE_MEMORY, SIGNAL_MEMORY, simulation_size
-from navsim.landing.sources import glide_epochs
 from navsim.optimization import study as optimize
 from navsim.optimization.flatness import MAP_POINTS
 from navsim.optimization.problem import PENALTY_REQUIREMENT, PlacementProblem, load_of, problem
@@ -24,7 +24,7 @@ from navsim.runner.executor import Executor, RemoteExecutor
 from navsim.runner.job import Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import base_of
-from navsim.scenario.source import Document
+from navsim.scenario_files.source import Document
 from navsim.statistics.rounding import digits
 
 _JUDGED_MEMORY = 70

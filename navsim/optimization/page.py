@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from navsim.optimization import report
-from navsim.report.page.plots import (
+from navsim.page.plots import (
     GREY,
     ORANGE,
     Drawing,

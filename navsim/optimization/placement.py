@@ -22,9 +22,9 @@ from navsim.gnss.pseudolite import Track, runway_positions
 from navsim.optimization.costs import CostModel, Permitted
 from navsim.optimization.scenario import Constraints, Optimize, Strip, Surfaces
 from navsim.results import files
-from navsim.scenario.base import DEG
 from navsim.scenario.landing import Landing
-from navsim.scenario.source import Document, InputError, Place, Problem
+from navsim.scenario_files.base import DEG
+from navsim.scenario_files.source import Document, InputError, Place, Problem
 
 ObjectiveFunction = Callable[[np.ndarray], np.ndarray]
 """Values (n,) of placements (n, k, 2); smaller is better, not finite without a solution."""

@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from navsim.environment.sources import environment, glide_epochs, touchdown_time
 from navsim.gnss import timescales
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.events import BEACONS
@@ -39,7 +40,6 @@ from navsim.landing.beacons import BeaconGlide
 from navsim.landing.confirmation import Fly, OfRuns, fly_case, of_runs
 from navsim.landing.plausibility import implausible
 from navsim.landing.preflight import FOLLOW, lone_pseudolite_warning
-from navsim.landing.sources import environment, glide_epochs, touchdown_time
 from navsim.optimization.costs import Member
 from navsim.optimization.placement import ObjectiveFunction, Rules, RunwayPlane, rules
 from navsim.optimization.scenario import (
@@ -53,10 +53,10 @@ from navsim.optimization.scenario import (
 from navsim.results.findings import Finding
 from navsim.results.schema import HEIGHTS, LARGE, MET, MOST_LEVELS, RMS_WINDOW
 from navsim.runner.executor import threads
-from navsim.scenario.base import KeyedError, validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.requirements import ErrorRequirement, RmsRequirement, singles
-from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
+from navsim.scenario_files.base import KeyedError, validated
+from navsim.scenario_files.source import Document, InputError, KeyPath, Problem, dotted, set_value
 from navsim.simulation.placement_geometry import Geometry, glide_geometry
 from navsim.sweeps.scenario import FILTER_OUTPUTS
 

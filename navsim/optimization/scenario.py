@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from navsim.results.findings import several
-from navsim.scenario.base import (
+from navsim.scenario_files.base import (
     Checksum,
     Dotted,
     ListOf,

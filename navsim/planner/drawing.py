@@ -14,9 +14,7 @@ from bokeh.models import ColorBar, ColumnDataSource, CustomJS, LinearColorMapper
 from bokeh.plotting import figure
 
 from navsim.gnss.sky import Horizon
-from navsim.planner.outlook import Share
-from navsim.planner.proposal import PlannedScenario
-from navsim.report.page.plots import (
+from navsim.page.plots import (
     BLUE,
     BROWN,
     GREEN,
@@ -33,7 +31,9 @@ from navsim.report.page.plots import (
     tell,
     view_from_above,
 )
-from navsim.report.page.sky import beside, name_marks, sky_paper, skyline
+from navsim.page.sky import beside, name_marks, sky_paper, skyline
+from navsim.planner.outlook import Share
+from navsim.planner.proposal import PlannedScenario
 from navsim.report.sky import Sector
 from navsim.trajectory.approach import TOUCHDOWN
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from navsim.environment.sources import environment, glide_epochs
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.gnss.dop import dops, geometry_covariance
 from navsim.gnss.signals import build_signals
@@ -21,7 +22,6 @@ from navsim.landing import integrity
 from navsim.landing.beacons import BeaconGlide
 from navsim.landing.case import Case
 from navsim.landing.result_groups import geometry_summary
-from navsim.landing.sources import environment, glide_epochs
 from navsim.landing.study import prepare
 from navsim.optimization.analyses import LevelScreen, Prepared, glimpsed
 from navsim.optimization.placement import RunwayPlane

@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 
+from navsim.environment.sources import trajectory_of
 from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
-from navsim.landing.sources import trajectory_of
 from navsim.optimization.placement import RunwayPlane
 from navsim.scenario.approach import FileApproach
-from navsim.scenario.base import DEG, KeyedError, utc_text, validated
 from navsim.scenario.landing import Landing
-from navsim.scenario.rewrite import Rewritten, rewritten
 from navsim.scenario.sky import SOURCES_FROM_FILES
-from navsim.scenario.source import Document, InputError, Problem, dotted
+from navsim.scenario_files.base import DEG, KeyedError, utc_text, validated
+from navsim.scenario_files.rewrite import Rewritten, rewritten
+from navsim.scenario_files.source import Document, InputError, Problem, dotted
 
 _MILLIMETRES = 3
 """Decimals of metres that are written."""

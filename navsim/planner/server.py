@@ -31,8 +31,8 @@ from navsim.planner.drawing import Outline
 from navsim.planner.proposal import PlannedScenario
 from navsim.planner.session import PlannerSession
 from navsim.planner.target import Target
-from navsim.scenario.base import DEG
-from navsim.scenario.source import Document
+from navsim.scenario_files.base import DEG
+from navsim.scenario_files.source import Document
 
 ADDRESS = "127.0.0.1"
 _OWN_NAMES = ("127.0.0.1", "localhost", "::1")
@@ -136,7 +136,7 @@ class Planner:
         page.on_session_destroyed(closed)
         folder = packaged(__package__)
         read = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in _PARTS}
-        shared = packaged("navsim.report.page").joinpath("page.css").read_text(encoding="utf-8")
+        shared = packaged("navsim.page").joinpath("page.css").read_text(encoding="utf-8")
         environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
         scenario = proposal.scenario
         page.title = scenario.title or self._document.file

@@ -29,7 +29,7 @@ from navsim.planner.proposal import PlannedScenario
 from navsim.planner.requests import SourceCounts, UnknownRequest, read_order
 from navsim.planner.target import Consent, Target
 from navsim.results.result import ResultError
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 
 DRAGGED, RESTING = 51, 101
 """Cells of a side of a map while something moves, and at rest."""

@@ -8,9 +8,9 @@ from pathlib import Path
 from navsim.planner.proposal import PlannedScenario
 from navsim.results import files
 from navsim.results.result import ResultError, write_text
-from navsim.scenario.base import validated
 from navsim.scenario.landing import Landing
-from navsim.scenario.source import MOST_BYTES, InputError, parse
+from navsim.scenario_files.base import validated
+from navsim.scenario_files.source import MOST_BYTES, InputError, parse
 
 
 @dataclass

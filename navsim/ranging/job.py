@@ -10,7 +10,7 @@ from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import BASE_MEMORY, NUMBER, VARIABLE, WRITING, Budget
 from navsim.runner.executor import Executor
 from navsim.runner.job import OptionError, Options, Outcome, Progress, ResourceCheck
-from navsim.scenario.source import Document
+from navsim.scenario_files.source import Document
 
 _COVARIANCES = 8
 """Covariances of each range that are held at once: two passes, each filtered and smoothed, and their copies."""

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from bokeh.plotting import figure
 
-from navsim.ranging.report import axis_names
-from navsim.report.page.plots import (
+from navsim.page.plots import (
     GREY,
     Drawing,
     Key,
@@ -24,6 +23,7 @@ from navsim.report.page.plots import (
     source,
     tell,
 )
+from navsim.ranging.report import axis_names
 
 
 def recorded_ranges(results: Sequence[Named]) -> list[Drawing]:

@@ -14,7 +14,7 @@ from navsim.formats.text import Dropped, FileError, read_lines
 from navsim.geodesy import earth
 from navsim.ranging.scenario import LENGTH_UNITS, RANGE_UNITS, RecordedRanges, ReferenceSection, SourceTable
 from navsim.results.findings import several
-from navsim.scenario.source import Document, InputError, Problem
+from navsim.scenario_files.source import Document, InputError, Problem
 from navsim.statistics.rounding import digits
 
 LOCAL, GEODETIC = ("x_m", "y_m", "z_m"), ("lat_deg", "lon_deg", "h_m")

@@ -7,7 +7,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import (
+from navsim.scenario.pseudolites import ClockModel
+from navsim.scenario.sky import Files
+from navsim.scenario_files.base import (
     CorrelationTime,
     Latitude,
     ListOf,
@@ -24,8 +26,6 @@ from navsim.scenario.base import (
     hint,
     reject,
 )
-from navsim.scenario.pseudolites import ClockModel
-from navsim.scenario.sky import Files
 
 RANGE_UNITS = {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048, "ns": 0.299792458, "us": 299.792458}
 """Units of ranges, each in m; times are those of the way."""

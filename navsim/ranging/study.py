@@ -26,7 +26,7 @@ from navsim.results.result import Result
 from navsim.results.schema import RANGES
 from navsim.runner.attributes import root_attributes
 from navsim.runner.job import JobError
-from navsim.scenario.source import Document
+from navsim.scenario_files.source import Document
 from navsim.statistics.consistency import correlated_states
 from navsim.statistics.rounding import digits
 

@@ -14,7 +14,7 @@ from navsim.filter.measurement_kinds import HEADING, REST_RATE, VEHICLE_VELOCITY
 from navsim.filter.states import Block, correlated_single
 from navsim.formats.recorded_data import Fixes, Headings, Samples
 from navsim.geodesy.attitude import dcm_from_rpy
-from navsim.scenario.base import DEG
+from navsim.scenario_files.base import DEG
 
 if TYPE_CHECKING:
     from navsim.replays.alignment import Search, Standstill

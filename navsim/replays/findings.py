@@ -19,7 +19,7 @@ from navsim.replays.scenario import Outage, Replay
 from navsim.results.findings import CONSISTENT, Finding
 from navsim.results.result import Result
 from navsim.runner.findings import DOUBTED, limit, notes, of_flight
-from navsim.scenario.base import DEG
+from navsim.scenario_files.base import DEG
 from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:

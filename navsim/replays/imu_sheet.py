@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import median_filter
 
-from navsim.formats.logs.reading import read_logs
 from navsim.formats.recorded_data import Samples
 from navsim.formats.recording import read_imu
 from navsim.formats.text import FileError
 from navsim.geodesy.earth import STANDARD_GRAVITY
+from navsim.logs.reading import read_logs
 from navsim.replays.reading import ReplayError
 from navsim.report.printing import COLUMN, Print, abreast, content, new_figure, printed, style
 from navsim.report.table import Table
-from navsim.scenario.base import DEG, DEG_H, DEG_SQRT_H, MG
 from navsim.scenario.load import read_replay
+from navsim.scenario_files.base import DEG, DEG_H, DEG_SQRT_H, MG
 from navsim.sensors.imu import MARKOV_PEAK
 from navsim.statistics.allan import (
     FLAT,

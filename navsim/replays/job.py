@@ -18,7 +18,7 @@ from navsim.runner.estimate import BASE_MEMORY, NUMBER, VARIABLE, WRITING, Budge
 from navsim.runner.executor import Executor
 from navsim.runner.job import OptionError, Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.filter import SMOOTHERS
-from navsim.scenario.source import Document
+from navsim.scenario_files.source import Document
 
 _READ_MEMORY = 600
 """Memory for a sample or fix of a recording while it is read and checked, bytes."""

@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 from bokeh.plotting import figure
 
-from navsim.replays import report
-from navsim.report.figure_data import settled
-from navsim.report.page.plots import (
+from navsim.page.plots import (
     GREY,
     Drawing,
     Key,
@@ -31,6 +29,8 @@ from navsim.report.page.plots import (
     stretch,
     tell,
 )
+from navsim.replays import report
+from navsim.report.figure_data import settled
 
 _NED = ("north", "east", "down")
 

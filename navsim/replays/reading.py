@@ -15,16 +15,16 @@ from navsim.formats.recording import is_nmea, read_attitude, read_fixes, read_he
 from navsim.formats.text import Dropped, FileError
 from navsim.geodesy.magnetic import NoMagneticModel, declination
 from navsim.gnss.timescales import gps_from_utc
+from navsim.recording_checks.diagnosis import examine
+from navsim.recording_checks.mistakes import Log, relative_units
 from navsim.replays.aids import antenna_axis
-from navsim.replays.diagnosis import examine
-from navsim.replays.mistakes import Log, relative_units
 from navsim.replays.recorded_ranges import read_messages, read_ranges, together
 from navsim.replays.scenario import Replay
 from navsim.replays.single_point import PositioningOptions
 from navsim.results import files
 from navsim.runner.job import JobError
-from navsim.scenario.base import DEG
-from navsim.scenario.source import Document, InputError, Place, Problem
+from navsim.scenario_files.base import DEG
+from navsim.scenario_files.source import Document, InputError, Place, Problem
 
 _MOST_PDOP = 30.0
 """Largest PDOP of fixes from ranges that are flown, RTKLIB's: their sigma is that of all fixes."""

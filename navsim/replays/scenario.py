@@ -14,7 +14,11 @@ from pydantic import AfterValidator, Field, model_validator
 from navsim.formats import conventions
 from navsim.formats.conventions import GnssConvention, ImuConvention
 from navsim.gnss.constellations.systems import SYSTEMS, USUAL, System
-from navsim.scenario.base import (
+from navsim.scenario.filter import Components, Coupling, Kind
+from navsim.scenario.imu import Accelerometer, Gyro, filled
+from navsim.scenario.signals import ClockNoise
+from navsim.scenario.sky import Checksums, Files, Name
+from navsim.scenario_files.base import (
     Checksum,
     CorrelationTime,
     DistinctListOf,
@@ -36,11 +40,7 @@ from navsim.scenario.base import (
     one_or_more,
     reject,
 )  # fmt: skip
-from navsim.scenario.filter import Components, Coupling, Kind
-from navsim.scenario.imu import Accelerometer, Gyro, filled
-from navsim.scenario.presets import SENSOR_CLASSES
-from navsim.scenario.signals import ClockNoise
-from navsim.scenario.sky import Checksums, Files, Name
+from navsim.scenario_files.presets import SENSOR_CLASSES
 
 Time = Annotated[float, Field(ge=0.0, le=1e12)]
 Times = Annotated[tuple[Time, ...], one_or_more(Time), one_or_list]

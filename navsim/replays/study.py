@@ -29,6 +29,7 @@ from navsim.filter.measurement_kinds import FIX, VehicleTable
 from navsim.formats.conventions import FIX_ACCURACIES
 from navsim.formats.recorded_data import Fixes, Headings, Ranges, Samples
 from navsim.geodesy.attitude import dcm_from_rpy, quaternion_from_dcm
+from navsim.recording_checks.fix_checks import lag_of_velocities
 from navsim.replays import alignment as aligning
 from navsim.replays import flight as replay
 from navsim.replays import recorded_flight
@@ -43,7 +44,6 @@ from navsim.replays.aids import (
     side_slip_blocks,
 )
 from navsim.replays.findings import findings, outage_spans, warn_of_headings, warn_of_outages, warn_of_unflown
-from navsim.replays.fix_checks import lag_of_velocities
 from navsim.replays.flight_tables import own_or_usual
 from navsim.replays.motion import moving_speed
 from navsim.replays.reading import LEAST_FIXES, LEAST_SAMPLES, ReplayError, read, spaced
@@ -81,8 +81,8 @@ from navsim.results.result import Result
 from navsim.results.schema import REPLAY
 from navsim.runner.attributes import root_attributes
 from navsim.runner.statistics import gate_limits
-from navsim.scenario.base import DEG, DEG_H, MG
-from navsim.scenario.source import Document, InputError, Problem
+from navsim.scenario_files.base import DEG, DEG_H, MG
+from navsim.scenario_files.source import Document, InputError, Problem
 from navsim.sensors.imu import Triad
 from navsim.simulation.inertial_states import followed
 

@@ -20,7 +20,7 @@ from navsim.replays.motion import in_motion, lag1_correlation
 from navsim.replays.recorded_flight import RecordedFlight
 from navsim.results.findings import CONSISTENT, Finding
 from navsim.runner.statistics import gate_limits
-from navsim.scenario.base import FIX_LATENCIES
+from navsim.scenario_files.base import FIX_LATENCIES
 from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:

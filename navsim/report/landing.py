@@ -49,7 +49,7 @@ def _figures(result: Result) -> dict[str, Figure]:
     return drawn
 
 
-VIEW = View(_tables, _figures, ("/summary/",), drawings="navsim.report.page.landing:drawings",
+VIEW = View(_tables, _figures, ("/summary/",), drawings="navsim.page.landing:drawings",
             verdicts=verdicts, glance=glance, with_small_rows=partial(_tables, every_source=True),
             of_runs=("errors", "nees", "fixes", "box", "integrity", "stanford"))  # fmt: skip
 """The summary of landings as a table, and of all results as plain data for JSON."""

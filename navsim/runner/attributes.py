@@ -8,8 +8,8 @@ from typing import Any
 
 import navsim
 from navsim.results.schema import SCHEMA_VERSION
-from navsim.scenario.base import Section, utc_text
 from navsim.scenario.load import resolved_yaml
+from navsim.scenario_files.base import Section, utc_text
 
 _UTC = "%Y-%m-%dT%H:%M:%SZ"
 

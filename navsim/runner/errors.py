@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from navsim.scenario.source import Problem
+    from navsim.scenario_files.source import Problem
 
 
 class NavsimError(Exception):
@@ -43,7 +43,7 @@ class RunFailed(NavsimError):
 
 def as_problems(*messages: object) -> list[Problem]:
     """Problems without a place in a file."""
-    from navsim.scenario.source import NOWHERE, Problem
+    from navsim.scenario_files.source import NOWHERE, Problem
 
     return [Problem(NOWHERE, "", str(message)) for message in messages]
 
@@ -51,7 +51,7 @@ def as_problems(*messages: object) -> list[Problem]:
 @contextmanager
 def translate_input_errors() -> Iterator[None]:
     """Raise errors of a file as BadInput."""
-    from navsim.scenario.source import InputError
+    from navsim.scenario_files.source import InputError
 
     try:
         yield

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from navsim.formats.logs.reading import FORMATS, read_logs
-from navsim.formats.logs.tables import LOG, RANGES, Account, log_files
 from navsim.formats.text import FileError
+from navsim.logs.reading import FORMATS, read_logs
+from navsim.logs.tables import LOG, RANGES, Account, log_files
 from navsim.runner.errors import BadInput, as_problems
 from navsim.runner.target import make_folder
-from navsim.scenario.base import hint
+from navsim.scenario_files.base import hint
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from navsim.runner.errors import BadInput, as_problems, translate_errors, transl
 
 if TYPE_CHECKING:
     from navsim.runner.job import Job, Options
-    from navsim.scenario.base import Section
     from navsim.scenario.load import Assignment, Source
-    from navsim.scenario.source import Document
+    from navsim.scenario_files.base import Section
+    from navsim.scenario_files.source import Document
 
 
 Keep = Literal["errors", "all", "none"]
@@ -27,7 +27,7 @@ def scenario_instead(path: Path) -> str:
     """For a file that is not a result but a scenario or study: the command that takes it, and its results in
     `results/`; "" otherwise."""
     from navsim.kinds import OF_FILES, advice
-    from navsim.scenario.source import InputError, load
+    from navsim.scenario_files.source import InputError, load
 
     if path.suffix not in (".yaml", ".yml"):
         return ""
@@ -50,7 +50,7 @@ def open_job(
     """
     from navsim.kinds import KINDS, named
     from navsim.scenario.load import own_method, read_for
-    from navsim.scenario.source import Setting
+    from navsim.scenario_files.source import Setting
 
     given, suffix = [*assignments], ""
     with translate_errors(source):
@@ -106,8 +106,8 @@ def stem_of_log(log: Path) -> str:
 def schema_of(kind: str) -> dict[str, Any]:
     """The JSON Schema of files of a kind, or of `any`. Raises BadInput."""
     from navsim.kinds import OF_FILES
-    from navsim.scenario.base import hint
-    from navsim.scenario.json_schema import ANY, published
+    from navsim.scenario_files.base import hint
+    from navsim.scenario_files.json_schema import ANY, published
 
     if kind not in (*OF_FILES, ANY):
         raise BadInput(as_problems(f"{kind!r} is not a kind of scenario; {hint(kind, [*OF_FILES, ANY])}"))

@@ -47,7 +47,7 @@ def inputs_of(job: Any) -> dict[tuple[str, str], InputFile]:
     document = getattr(job, "document", None)
     if document is None:
         return {}
-    from navsim.scenario.source import dotted
+    from navsim.scenario_files.source import dotted
 
     found = {(document.file, ""): Path(document.file)}
     found |= {(name, dotted(path)): file for (path, name), file in list(document.named.items())}

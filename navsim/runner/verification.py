@@ -36,7 +36,7 @@ from navsim.runner.provenance import (
     stored_software,
 )
 from navsim.runner.provenance import OPTIONS as OPTIONS_ITEM
-from navsim.scenario.source import Document, InputError, parse
+from navsim.scenario_files.source import Document, InputError, parse
 
 EQUAL, DIFFERS, NOTE, UNCHECKED, OTHER_CODE = "equal", "differs", "note", "not checked", "other code"
 """Verdicts. A note says what follows from another code or machine, and is no difference of the result. "other code" is
@@ -327,8 +327,8 @@ def _check_numbers(
 
 def _document(result: Result, file: Path, found: dict[str, Path]) -> tuple[Any, Document]:
     """Section and document of a result's scenario or study, with its files where they were found."""
-    from navsim.scenario.base import validated
     from navsim.scenario.load import section
+    from navsim.scenario_files.base import validated
 
     part = "study" if "study" in result.attributes else "scenario"
     document = parse(str(result.attributes[part]), f"{file}, {part}", Path().absolute())

@@ -11,7 +11,7 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from navsim.scenario.base import DEG, reject
+from navsim.scenario_files.base import DEG, reject
 from navsim.statistics.rounding import digits
 
 STEEPEST = 5.0

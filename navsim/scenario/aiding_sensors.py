@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import (
+from navsim.scenario.terrain import terrain_of
+from navsim.scenario_files.base import (
     DEG,
     CorrelationTime,
     ListOf,
@@ -24,8 +25,7 @@ from navsim.scenario.base import (
     Triple,
     reject,
 )
-from navsim.scenario.presets import MAGNETOMETER_PRESETS
-from navsim.scenario.terrain import terrain_of
+from navsim.scenario_files.presets import MAGNETOMETER_PRESETS
 
 if TYPE_CHECKING:
     import numpy as np

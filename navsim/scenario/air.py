@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import DEG, Azimuth, ListOf, NonNegative, Section, reject
+from navsim.scenario_files.base import DEG, Azimuth, ListOf, NonNegative, Section, reject
 
 if TYPE_CHECKING:
     from navsim.trajectory.air import Gust, MeanWind, Response, Turbulence

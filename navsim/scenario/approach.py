@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import (
+from navsim.scenario.guidance import AutopilotSection, FlightTechnicalErrorSection, IndicatorSection
+from navsim.scenario.runway import Point, Reach
+from navsim.scenario_files.base import (
     DEG,
     KMH,
     Azimuth,
@@ -24,8 +26,6 @@ from navsim.scenario.base import (
     Stretch,
     reject,
 )
-from navsim.scenario.guidance import AutopilotSection, FlightTechnicalErrorSection, IndicatorSection
-from navsim.scenario.runway import Point, Reach
 
 if TYPE_CHECKING:
     import numpy as np

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.aiding_sensors import AidingSection, FilterAidingSection, Late
-from navsim.scenario.base import DEG, ListOf, NonNegative, Section, Sigma, Signed, Triple, reject
 from navsim.scenario.events import SpoofSection
-from navsim.scenario.presets import BEACON_LACKS, BEACON_PRESETS
 from navsim.scenario.pseudolites import GroundAirSection, Site
 from navsim.scenario.signals import ClockNoise, Gain
 from navsim.scenario.terrain import terrain_of
+from navsim.scenario_files.base import DEG, ListOf, NonNegative, Section, Sigma, Signed, Triple, reject
+from navsim.scenario_files.presets import BEACON_LACKS, BEACON_PRESETS
 
 if TYPE_CHECKING:
     from navsim.gnss.events import Event

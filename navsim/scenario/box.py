@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from navsim.scenario.base import NonNegative, Pair, Section, reject
+from navsim.scenario_files.base import NonNegative, Pair, Section, reject
 
 _LEAST = 1e-3
 Limit = (

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import DistinctListOf, FlightTime, Section, Triple, reject
 from navsim.scenario.runway import Point
+from navsim.scenario_files.base import DistinctListOf, FlightTime, Section, Triple, reject
 
 if TYPE_CHECKING:
     from navsim.gnss.events import Event, EventEffect

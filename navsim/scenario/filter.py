@@ -7,17 +7,17 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from navsim.scenario.aiding_sensors import FilterBarometricAltimeter, FilterMagnetometer, FilterRadioAltimeter
-from navsim.scenario.base import (
-    FixLatency,
-    Section,
-    Sigma,
-    Triple,
-)
 from navsim.scenario.beacons import FilterBeacons
 from navsim.scenario.ground_stations import FilterAzimuthStation, FilterDme, FilterElevationStation
 from navsim.scenario.imu import Accelerometer, Gyro
 from navsim.scenario.pseudolites import FilterPseudolites
 from navsim.scenario.signals import ClockNoise
+from navsim.scenario_files.base import (
+    FixLatency,
+    Section,
+    Sigma,
+    Triple,
+)
 
 
 class FilterInitial(Section):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import FlightTime, ListOf, NonNegative, Section, Size, Triple, reject
+from navsim.scenario_files.base import FlightTime, ListOf, NonNegative, Section, Size, Triple, reject
 
 if TYPE_CHECKING:
     from navsim.gnss.fix_states import FixStates

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from navsim.scenario.base import DEG, DEG_H, DEG_SQRT_H, MG
 from navsim.scenario.imu import filled
-from navsim.scenario.presets import SENSOR_CLASSES
-from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, parse
+from navsim.scenario_files.base import DEG, DEG_H, DEG_SQRT_H, MG
+from navsim.scenario_files.presets import SENSOR_CLASSES
+from navsim.scenario_files.source import Document, InputError, KeyPath, Problem, dotted, parse
 
 if TYPE_CHECKING:
     import numpy as np

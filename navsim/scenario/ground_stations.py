@@ -12,7 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.aiding_sensors import AidingSection, FilterAidingSection, Late
-from navsim.scenario.base import (
+from navsim.scenario.events import Error
+from navsim.scenario.guidance import BEYOND_END
+from navsim.scenario.terrain import terrain_of
+from navsim.scenario_files.base import (
     DEG,
     CorrelationTime,
     FlightTime,
@@ -25,10 +28,7 @@ from navsim.scenario.base import (
     Triple,
     reject,
 )
-from navsim.scenario.events import Error
-from navsim.scenario.guidance import BEYOND_END
-from navsim.scenario.presets import STATION_PRESETS
-from navsim.scenario.terrain import terrain_of
+from navsim.scenario_files.presets import STATION_PRESETS
 
 if TYPE_CHECKING:
     from navsim.scenario.landing import Landing

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import (
+from navsim.scenario.runway import Runway
+from navsim.scenario_files.base import (
     DEG,
     Section,
     reject,
 )
-from navsim.scenario.runway import Runway
 
 if TYPE_CHECKING:
     from navsim.trajectory.air import Deviation

@@ -6,11 +6,11 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from navsim.scenario.approach import PadApproach
-from navsim.scenario.base import Section
 from navsim.scenario.filter import SUM
 from navsim.scenario.imu import assumed_sensor, lone_correlation_times
-from navsim.scenario.presets import BEACON_PRESETS, MAGNETOMETER_PRESETS, STATION_PRESETS
 from navsim.scenario.sky import SOURCES_FROM_FILES
+from navsim.scenario_files.base import Section
+from navsim.scenario_files.presets import BEACON_PRESETS, MAGNETOMETER_PRESETS, STATION_PRESETS
 
 if TYPE_CHECKING:
     from navsim.scenario.landing import Landing

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import (
+from navsim.scenario_files.base import (
     DEG,
     DEG_H,
     DEG_SQRT_H,
@@ -22,7 +22,7 @@ from navsim.scenario.base import (
     Triple,
     reject,
 )
-from navsim.scenario.presets import IMU_PRESETS, IMU_SHEETS
+from navsim.scenario_files.presets import IMU_PRESETS, IMU_SHEETS
 from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:

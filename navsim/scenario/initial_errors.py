@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from navsim.scenario.base import NonNegative, Section, Triple
+from navsim.scenario_files.base import NonNegative, Section, Triple
 
 
 class Vectors(Section):

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import DistinctListOf, FlightTime, ListOf, NonNegative, Section, reject
 from navsim.scenario.priors import PSEUDOLITES
 from navsim.scenario.sky import Name
+from navsim.scenario_files.base import DistinctListOf, FlightTime, ListOf, NonNegative, Section, reject
 
 if TYPE_CHECKING:
     from navsim.gnss.heavy_tailed import HeavyTailedNoise

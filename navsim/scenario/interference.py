@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import FlightTime, ListOf, NonNegative, PairOf, Section, reject
 from navsim.scenario.runway import Point
 from navsim.scenario.terrain import RidgeSection, tops_of
+from navsim.scenario_files.base import FlightTime, ListOf, NonNegative, PairOf, Section, reject
 
 if TYPE_CHECKING:
     import numpy as np

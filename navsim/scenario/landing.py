@@ -36,16 +36,6 @@ from navsim.scenario.approach import (
     TrackApproach,
     WaypointApproach,
 )
-from navsim.scenario.base import (
-    DEG,
-    EndTime,
-    KeyedError,
-    ListOf,
-    Section,
-    Utc,
-    Version,
-    reject,
-)
 from navsim.scenario.beacons import BeaconsSection
 from navsim.scenario.box import BoxSection
 from navsim.scenario.events import AnyEvent, RangeSection
@@ -62,6 +52,16 @@ from navsim.scenario.runway import Runway
 from navsim.scenario.signals import ClockNoise, ReceiverSection, SignalsSection
 from navsim.scenario.sky import Sky
 from navsim.scenario.terrain import TerrainSection, terrain_of
+from navsim.scenario_files.base import (
+    DEG,
+    EndTime,
+    KeyedError,
+    ListOf,
+    Section,
+    Utc,
+    Version,
+    reject,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -71,7 +71,7 @@ if TYPE_CHECKING:
     from navsim.gnss.receiver import Receiver
     from navsim.gnss.signal_errors import Effects
     from navsim.gnss.signals import Pseudolites
-    from navsim.scenario.source import Document
+    from navsim.scenario_files.source import Document
     from navsim.sensors.aiding import AidingSensor
     from navsim.trajectory.air import Air
     from navsim.trajectory.kinematics import Frame, Moving, Trajectory

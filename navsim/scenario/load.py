@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from navsim.kinds import KINDS, OF_FILES, advice, named
-from navsim.scenario.base import Section, hint, validated
-from navsim.scenario.source import Document, InputError, Problem, Setting, assign, load, set_value
+from navsim.scenario_files.base import Section, hint, validated
+from navsim.scenario_files.source import Document, InputError, Problem, Setting, assign, load, set_value
 
 if TYPE_CHECKING:
     from navsim.scenario.landing import Landing

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.gnss.constellations.systems import CLOCKS, first_time_scale
-from navsim.scenario.base import (
+from navsim.scenario.signals import Gain, GroundMultipath, check_rising
+from navsim.scenario.sky import Clock
+from navsim.scenario_files.base import (
     DEG,
     Azimuth,
     DistinctListOf,
@@ -26,8 +28,6 @@ from navsim.scenario.base import (
     reject,
     whole,
 )
-from navsim.scenario.signals import Gain, GroundMultipath, check_rising
-from navsim.scenario.sky import Clock
 
 if TYPE_CHECKING:
     import numpy as np

@@ -7,8 +7,8 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import Section, reject
 from navsim.scenario.integrity import OPERATIONS, IntegritySection, LimitsSection, Operation
+from navsim.scenario_files.base import Section, reject
 
 Share = Annotated[float, Field(gt=0.0, lt=1.0)]
 """Required fraction of runs, or of epochs."""

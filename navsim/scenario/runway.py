@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.aerodrome import STEEPEST, distance, turned
-from navsim.scenario.base import (
+from navsim.scenario_files.base import (
     DEG,
     Azimuth,
     Latitude,

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from navsim.gnss.constellations.systems import CLOCKS, GLONASS, GPS
-from navsim.scenario.base import (
+from navsim.scenario.fix_states import FixStatesSection
+from navsim.scenario.sky import Name
+from navsim.scenario_files.base import (
     DEG,
     CorrelationTime,
     Elevation,
@@ -22,9 +24,7 @@ from navsim.scenario.base import (
     as_tuple,
     reject,
 )
-from navsim.scenario.fix_states import FixStatesSection
-from navsim.scenario.presets import SIGNAL_PRESETS
-from navsim.scenario.sky import Name
+from navsim.scenario_files.presets import SIGNAL_PRESETS
 
 if TYPE_CHECKING:
     from navsim.gnss import signal_errors

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.gnss.constellations.systems import CLOCKS, GALILEO, GLONASS, NAMES, SYSTEMS, USUAL, System
-from navsim.scenario.base import (
+from navsim.scenario_files.base import (
     DEG,
     Azimuth,
     Checksum,

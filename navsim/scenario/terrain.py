@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, model_validator
 
-from navsim.scenario.base import DEG, Azimuth, Checksum, PairOf, Section, Signed, reject
 from navsim.scenario.runway import Point
+from navsim.scenario_files.base import DEG, Azimuth, Checksum, PairOf, Section, Signed, reject
 
 if TYPE_CHECKING:
     import numpy as np

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from navsim.error_propagation.linearised import Linearised, Steps, empty, linearise, steps_of
 from navsim.filter import states
-from navsim.filter.linearised import Linearised, Steps, empty, linearise, steps_of
 from navsim.filter.measurement_kinds import FixTable, RangeTable
 from navsim.filter.records import ImuData
 from navsim.filter.states import MAX_MEASUREMENT_SIZE

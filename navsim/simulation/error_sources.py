@@ -7,15 +7,15 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.compiler.lanes import WIDTH, in_lanes
-from navsim.filter import states
-from navsim.filter.linearised import NOISES
-from navsim.filter.measurement_kinds import FIX, RANGE, SOURCE
-from navsim.filter.records import OUTPUT, Events
-from navsim.filter.sensitivity_propagation import (
+from navsim.error_propagation.linearised import NOISES
+from navsim.error_propagation.sensitivity_propagation import (
     LinearisedHistory,
     propagate_columns,
     propagate_covariances,
 )
+from navsim.filter import states
+from navsim.filter.measurement_kinds import FIX, RANGE, SOURCE
+from navsim.filter.records import OUTPUT, Events
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.gnss.correlated_errors import CorrelatedErrors
 from navsim.simulation.aiding import Aid

@@ -18,9 +18,9 @@ import numpy as np
 
 from navsim.compiler.lanes import WIDTH, in_lanes
 from navsim.defect import Defect
+from navsim.error_propagation.sensitivity_propagation import LinearisedHistory, propagate_differences
 from navsim.filter import states
 from navsim.filter.measurement_kinds import FIX
-from navsim.filter.sensitivity_propagation import LinearisedHistory, propagate_differences
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.integrity import araim

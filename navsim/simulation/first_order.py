@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.compiler.lanes import WIDTH, in_lanes
+from navsim.error_propagation.first_order import LinearisedRun, Readings, propagate_errors
 from navsim.filter import states
-from navsim.filter.first_order import LinearisedRun, Readings, propagate_errors
 from navsim.filter.measurement_kinds import FIX, RANGE
 from navsim.filter.records import OUTPUT, TIME_TOLERANCE
 from navsim.filter.states import MAX_MEASUREMENT_SIZE

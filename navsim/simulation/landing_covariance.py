@@ -28,15 +28,15 @@ import numpy as np
 
 from navsim.compiler.lanes import WIDTH
 from navsim.defect import Defect
-from navsim.filter import states
-from navsim.filter.design import SensorDesign, clock_sigma
-from navsim.filter.linearised import NOISES, Linearised, Steps
-from navsim.filter.measurement_kinds import FIX, RANGE
-from navsim.filter.records import OUTPUT, Events
-from navsim.filter.sensitivity_propagation import (
+from navsim.error_propagation.linearised import NOISES, Linearised, Steps
+from navsim.error_propagation.sensitivity_propagation import (
     LinearisedHistory,
     propagate_excess,
 )
+from navsim.filter import states
+from navsim.filter.design import SensorDesign, clock_sigma
+from navsim.filter.measurement_kinds import FIX, RANGE
+from navsim.filter.records import OUTPUT, Events
 from navsim.filter.states import MAX_MEASUREMENT_SIZE, Block
 from navsim.gnss.pseudorange import Signals
 from navsim.sensors.beacons import Beacons

@@ -17,7 +17,7 @@ from navsim.runner.executor import Executor
 from navsim.runner.job import OptionError, Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import base_of
-from navsim.scenario.source import Document
+from navsim.scenario_files.source import Document
 from navsim.sweeps import study as sweep
 from navsim.sweeps.plan import MOST_MAP_SITES, Axis, Plan
 from navsim.sweeps.plan import plan as plan_sweep

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from bokeh.plotting import figure
 
-from navsim.report.page.plots import (
+from navsim.page.plots import (
     BROWN,
     GREY,
     ORANGE,
@@ -26,7 +26,7 @@ from navsim.report.page.plots import (
     ticks,
     view_from_above,
 )
-from navsim.report.page.terrain import ridge_lines
+from navsim.page.terrain import ridge_lines
 from navsim.report.result_cells import setting
 from navsim.report.ridges import shown_ridges
 from navsim.report.table import as_text

@@ -11,24 +11,24 @@ from typing import Any
 
 import numpy as np
 
+from navsim.environment.sources import environment, glide_epochs
 from navsim.geodesy.earth import in_heading_axes
 from navsim.gnss.pseudolite import Track
 from navsim.gnss.signals import Environment
 from navsim.landing.plausibility import implausible, one_direction
 from navsim.landing.preflight import on_pavement
 from navsim.landing.requirements import Statement, statements
-from navsim.landing.sources import environment, glide_epochs
 from navsim.landing.study import (
     Case,
 )
 from navsim.results import files
 from navsim.runner.checkpoint import CheckpointError
 from navsim.scenario.approach import FileApproach
-from navsim.scenario.base import DEG, validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import NO_RECORDED
 from navsim.scenario.sky import SOURCES_FROM_FILES
-from navsim.scenario.source import Document, InputError, KeyPath, Problem, dotted, set_value
+from navsim.scenario_files.base import DEG, validated
+from navsim.scenario_files.source import Document, InputError, KeyPath, Problem, dotted, set_value
 from navsim.simulation.placement_geometry import Geometry, glide_geometry
 from navsim.sweeps.scenario import (
     BEACON_OUTPUTS,

@@ -16,7 +16,7 @@ from navsim.results.schema import (
     TOTAL_QUANTITIES,
     WATCHED_QUANTITIES,
 )
-from navsim.scenario.base import DistinctListOf, Dotted, ListOf, Section, Version, reject
+from navsim.scenario_files.base import DistinctListOf, Dotted, ListOf, Section, Version, reject
 from navsim.statistics.rounding import digits
 
 DOP_OUTPUTS, FILTER_OUTPUTS, OUTPUTS = tuple(DOP_QUANTITIES), tuple(FILTER_QUANTITIES), tuple(SWEEP_QUANTITIES)

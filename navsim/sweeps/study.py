@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from navsim.environment.sources import files_of, on_glide
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.landing import integrity
@@ -32,7 +33,6 @@ from navsim.landing.confirmation import (
 )
 from navsim.landing.preflight import FOLLOW, lone_pseudolite_warning
 from navsim.landing.result_groups import geometry_summary
-from navsim.landing.sources import files_of, on_glide
 from navsim.landing.study import (
     covariance_analysis,
     covariance_findings,
@@ -49,11 +49,11 @@ from navsim.runner.batches import Ensemble, fly_all
 from navsim.runner.checkpoint import Arrays, CheckpointError, CheckpointStore, code_key
 from navsim.runner.executor import Executor, threads
 from navsim.runner.findings import LANDING, among, marks, notes, without_fix
-from navsim.scenario.base import validated
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import resolved_yaml
 from navsim.scenario.pseudolites import PseudolitesSection
-from navsim.scenario.source import Document, InputError, set_value
+from navsim.scenario_files.base import validated
+from navsim.scenario_files.source import Document, InputError, set_value
 from navsim.simulation.placement_geometry import Geometry
 from navsim.sweeps.outputs import (
     NUMBERED,

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from navsim.compiler.lanes import WIDTH
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.trajectory import air
 from navsim.trajectory.dispersion import Departure, Disturbance
 from tests.conftest import Within

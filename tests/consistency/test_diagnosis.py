@@ -14,18 +14,18 @@ from typer.testing import CliRunner
 from navsim.cli.main import app
 from navsim.formats import conventions
 from navsim.formats.conventions import BODY_AXES, GnssConvention, ImuConvention
-from navsim.formats.logs.reading import read_logs
-from navsim.formats.logs.tables import log_files
 from navsim.formats.recorded_data import Fixes, Samples
 from navsim.formats.recording import read_fixes, read_imu
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.logs.reading import read_logs
+from navsim.logs.tables import log_files
+from navsim.recording_checks.diagnosis import NEVER_JUDGED, diagnose, examine
+from navsim.recording_checks.fix_checks import interpretations, lag_of_velocities
+from navsim.recording_checks.mistakes import Log
+from navsim.recording_checks.wild_fixes import plausible
 from navsim.replays import study as replay
-from navsim.replays.diagnosis import NEVER_JUDGED, diagnose, examine
-from navsim.replays.fix_checks import interpretations, lag_of_velocities
-from navsim.replays.mistakes import Log
-from navsim.replays.wild_fixes import plausible
 from navsim.scenario.load import read_replay
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from tests.helpers import in_brief
 from tests.mistakes import MISTAKES, Made, needs
 from tests.recordings import circuit, drive, hills, quadrotor, record, ride, straight

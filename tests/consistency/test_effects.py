@@ -14,7 +14,7 @@ from navsim.gnss.correction_link import CorrectionLink
 from navsim.gnss.signals import build_signals
 from navsim.landing import study as landing
 from navsim.runner.executor import threads
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.simulation import landing as simulation
 from navsim.simulation.measurements import measured
 from navsim.statistics.random_streams import generator

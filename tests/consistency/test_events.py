@@ -16,7 +16,7 @@ from navsim.integrity.monitoring import ALARM, QUIET
 from navsim.landing import study as landing
 from navsim.landing.study import Case, covariance_analysis
 from navsim.scenario.load import read
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.simulation import measurements, shared_truth
 from tests.consistency.test_tight_landings import flown
 from tests.helpers import SCENARIOS, case

@@ -17,7 +17,7 @@ from navsim.landing.result import result as summarised
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.result import read
 from navsim.runner.executor import threads
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.simulation.dispersed_trajectory import DispersedTrajectories, Dispersion
 from navsim.simulation.shared_truth import SharedTruth
 from navsim.trajectory.dispersion import Departure

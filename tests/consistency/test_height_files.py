@@ -28,7 +28,7 @@ from navsim.optimization.scenario import Optimize
 from navsim.results.schema import COVARIANCE
 from navsim.runner.provenance import inputs_of
 from navsim.scenario.load import read, read_study
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.simulation.placement_geometry import glide_geometry
 from tests.helpers import SCENARIOS
 

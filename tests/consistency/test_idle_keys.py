@@ -13,9 +13,9 @@ import pytest
 from navsim.landing import study as landing
 from navsim.results.result import Result
 from navsim.runner.executor import threads
-from navsim.scenario.keys import ITEM, NAME, KeyRow, rows
 from navsim.scenario.load import section
-from navsim.scenario.source import InputError
+from navsim.scenario_files.keys import ITEM, NAME, KeyRow, rows
+from navsim.scenario_files.source import InputError
 from tests.helpers import case, in_brief
 
 PLAIN = ("receiver.rate_hz=2", "imu.rate_hz=20", "filter.kind=eskf", "duration_s=70")

@@ -13,10 +13,10 @@ import pytest
 from navsim.landing.result import result
 from navsim.landing.study import findings, fly_all
 from navsim.runner.executor import threads
-from navsim.scenario.base import DEG_H, MG
 from navsim.scenario.imu import ImuPreset, TrueAccelerometer, TrueGyro
-from navsim.scenario.presets import IMU_PRESETS, IMU_SHEETS
-from navsim.scenario.source import InputError
+from navsim.scenario_files.base import DEG_H, MG
+from navsim.scenario_files.presets import IMU_PRESETS, IMU_SHEETS
+from navsim.scenario_files.source import InputError
 from navsim.sensors.imu import (
     MARKOV_PEAK,
     Triad,

@@ -15,7 +15,7 @@ from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.constellations.constellation import carriers
 from navsim.landing.study import Case
 from navsim.results.result import read
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.simulation import measurements
 from tests.helpers import SCENARIOS, case, scenario
 from tests.layout import as_declared

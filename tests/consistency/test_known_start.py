@@ -12,7 +12,7 @@ from navsim.replays.reading import read as read_log
 from navsim.results import findings
 from navsim.results.result import Result
 from navsim.scenario.load import read_replay
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from tests.consistency.test_replay import errors, flown
 from tests.recordings import LATENCY, write_flight
 

@@ -20,7 +20,7 @@ from navsim.report.summary_tables import summary_table
 from navsim.results.result import Result
 from navsim.results.schema import INDICATED
 from navsim.runner.executor import threads
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.simulation.landing import fly
 from navsim.sweeps.outputs import total_outputs
 from navsim.sweeps.plan import lacking_of_ends

@@ -16,7 +16,7 @@ from navsim.gnss.correlated_errors import CorrelatedErrors, mapped
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.result import read
 from navsim.runner.executor import threads
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.simulation.flight import exact_start
 from navsim.simulation.landing import fly
 from navsim.statistics.random_streams import generator

@@ -9,7 +9,7 @@ from navsim.filter import states
 from navsim.landing.covariance import covariance_findings
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.runner.executor import threads
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.sensors.imu import SensorErrors
 from navsim.simulation.inertial_states import true_values
 from tests.helpers import case, scenario

@@ -16,13 +16,13 @@ from scipy.integrate import quad
 
 from navsim.geodesy.earth import ecef_from_llh, ned_matrix
 from navsim.gnss.constellations.constellation import carriers
-from navsim.landing import integrity_table
 from navsim.landing.study import Case, covariance_analysis, covariance_result
 from navsim.optimization import problem as objective
 from navsim.optimization.scenario import Optimize
+from navsim.published_tables import integrity_table
 from navsim.results.result import read as read_result
 from navsim.scenario.load import read_study, resolved_yaml
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from tests.conftest import DATA
 from tests.helpers import SCENARIOS, case, scenario
 from tests.layout import as_declared

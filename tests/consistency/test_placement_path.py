@@ -13,22 +13,22 @@ import pytest
 from hypothesis import HealthCheck, Phase, event, example, given, reject, settings
 from hypothesis import strategies as st
 
+from navsim.environment.sources import on_glide
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.pseudolite import NEAREST, TRACK_STEP, Track
 from navsim.landing.case import world_of
 from navsim.landing.result_groups import base
-from navsim.landing.sources import on_glide
 from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.optimization import problem as objective
 from navsim.optimization.scenario import Optimize
 from navsim.results.builder import ResultBuilder
 from navsim.results.schema import COVARIANCE
 from navsim.runner.findings import LANDING
-from navsim.scenario.base import Section
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import read_study
-from navsim.scenario.source import InputError
+from navsim.scenario_files.base import Section
+from navsim.scenario_files.source import InputError
 from navsim.simulation.landing_covariance import AnalysisError
 from navsim.simulation.measurements import receiver_fixes
 from navsim.simulation.placement_geometry import Geometry

@@ -16,7 +16,7 @@ from navsim.report import summary_tables
 from navsim.report.table import ABSENT
 from navsim.results.result import Result
 from navsim.scenario.load import resolved_yaml
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.simulation.measurements import measured
 from tests.conftest import ROOT
 from tests.helpers import case, scenario

@@ -12,7 +12,7 @@ from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.findings import of
 from navsim.results.result import read
 from navsim.runner.executor import threads
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.simulation.aiding import aids_of
 from tests.conftest import SCENARIOS
 from tests.helpers import case

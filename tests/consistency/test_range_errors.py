@@ -15,7 +15,7 @@ from navsim.integrity.monitoring import ALARM, QUIET
 from navsim.landing.ensemble import LandingStudy
 from navsim.landing.study import Case
 from navsim.results.result import read
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.simulation import landing as simulation
 from navsim.simulation import measurements, shared_truth
 from navsim.simulation.run import MonitorOutput

@@ -10,7 +10,7 @@ from navsim.geodesy import earth
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.dop import MAX_CLOCKS, geometry_covariance
 from navsim.gnss.position_fix import fixes
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.simulation.landing_covariance import Analysis, analyse
 from navsim.simulation.measurements import measured
 from navsim.simulation.shared_truth import SharedTruth

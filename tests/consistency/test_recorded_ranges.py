@@ -25,8 +25,8 @@ from navsim.results import findings
 from navsim.results.result import Result, write
 from navsim.runner.executor import threads
 from navsim.scenario.load import read, read_replay
-from navsim.scenario.presets import SENSOR_CLASSES
-from navsim.scenario.source import InputError
+from navsim.scenario_files.presets import SENSOR_CLASSES
+from navsim.scenario_files.source import InputError
 from navsim.simulation.landing import draw
 from navsim.statistics import chi_square
 from navsim.trajectory.kinematics import Motion

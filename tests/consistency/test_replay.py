@@ -12,9 +12,9 @@ import pytest
 
 from navsim.filter.records import REJECTED, TFG
 from navsim.formats.conventions import FIX_SIGMAS
-from navsim.formats.logs.reading import read_logs
-from navsim.formats.logs.tables import log_files
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.logs.reading import read_logs
+from navsim.logs.tables import log_files
 from navsim.replays import flight as simulated
 from navsim.replays import study as replay
 from navsim.replays.findings import _inconsistent, _tied
@@ -26,7 +26,7 @@ from navsim.results.result import Result, Variable
 from navsim.results.schema import REPLAY
 from navsim.runner.statistics import gate_limits
 from navsim.scenario.load import read_replay
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from tests.helpers import in_brief
 from tests.recordings import (
     LATENCY,

@@ -16,7 +16,7 @@ from navsim.replays.findings import warn_of_headings
 from navsim.replays.flight import within_outages
 from navsim.results.result import Result
 from navsim.scenario.load import read_replay
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.statistics.chi_square import quantile
 from tests.recordings import drive, quadrotor, record, write_recording
 

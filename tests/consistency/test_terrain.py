@@ -28,7 +28,7 @@ from navsim.results.result import Result
 from navsim.results.schema import COVARIANCE
 from navsim.runner.opening import checked
 from navsim.scenario.load import read_study
-from navsim.scenario.source import load
+from navsim.scenario_files.source import load
 from navsim.sweeps.plan import plan
 from navsim.sweeps.scenario import DOP_OUTPUTS, FILTER_OUTPUTS, Sweep
 from navsim.sweeps.study import SweepStudy, filter_outputs

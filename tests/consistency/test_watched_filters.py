@@ -17,7 +17,7 @@ from navsim.landing import integrity
 from navsim.landing.study import Case
 from navsim.results.builder import ResultBuilder
 from navsim.results.schema import COVARIANCE
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.simulation import landing as simulation
 from navsim.simulation.filter_bank import LEAST, FilterBank
 from navsim.simulation.flight import Flight

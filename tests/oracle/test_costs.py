@@ -28,7 +28,7 @@ from navsim.results.findings import of
 from navsim.results.result import Result
 from navsim.runner.checkpoint import CheckpointStore
 from navsim.scenario.load import read_study
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from tests.conftest import SCENARIOS
 from tests.layout import as_declared
 

@@ -15,7 +15,7 @@ from navsim.integrity.gbas_station import StationLevels
 from navsim.integrity.sbas_gbas import gbas_factors
 from navsim.landing.study import Case
 from navsim.results.result import read
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.simulation.landing import draw, fly_inputs
 from navsim.simulation.measurements import correlated_errors, generators
 from tests.conftest import Within

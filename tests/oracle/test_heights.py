@@ -16,7 +16,7 @@ from navsim.geodesy import geoid
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.runner.executor import threads
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.sensors import barometer
 from tests.conftest import DATA, Within
 from tests.helpers import case, in_brief, scenario

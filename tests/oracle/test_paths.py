@@ -13,7 +13,7 @@ from navsim.landing import study as landing
 from navsim.landing.case import crossing_times
 from navsim.results.schema import HEIGHTS
 from navsim.runner.executor import threads
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.trajectory.path import NoSuchPath, Path, ended
 from navsim.trajectory.waypoints import Turn, Waypoint, cruise, turn
 from tests.conftest import DATA, Within

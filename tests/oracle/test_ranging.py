@@ -27,8 +27,8 @@ from navsim.ranging.scenario import RecordedRanges
 from navsim.ranging.start import find_start, mirror_solution
 from navsim.ranging.study import RangeStudy, compute, prepare, solve
 from navsim.results.findings import of as findings_of
-from navsim.scenario.base import validated
-from navsim.scenario.source import parse
+from navsim.scenario_files.base import validated
+from navsim.scenario_files.source import parse
 from navsim.statistics.consistency import correlated_states
 from tests.helpers import in_brief
 

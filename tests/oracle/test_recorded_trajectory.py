@@ -15,7 +15,7 @@ from navsim.replays import study as replay
 from navsim.results.result import write
 from navsim.runner.executor import threads
 from navsim.scenario.load import read, read_replay
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.trajectory.kinematics import tangent_frame
 from navsim.trajectory.recorded import recorded_trajectory
 from tests.consistency.test_lost_filters import shifted

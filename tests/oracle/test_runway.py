@@ -16,7 +16,7 @@ from pymap3d.vincenty import vdist
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.geodesy.magnetic import declination, field_ned
 from navsim.scenario.aerodrome import between
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from tests.conftest import DATA, Within
 from tests.helpers import case, scenario
 

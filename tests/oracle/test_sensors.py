@@ -11,8 +11,8 @@ import allantools
 import numpy as np
 import pytest
 
-from navsim.scenario.base import DEG, DEG_H, DEG_SQRT_H
 from navsim.scenario.imu import G
+from navsim.scenario_files.base import DEG, DEG_H, DEG_SQRT_H
 from navsim.sensors.imu import (
     MARKOV_PEAK,
     ImuDraws,

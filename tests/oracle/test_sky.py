@@ -22,7 +22,7 @@ from navsim.gnss.dop import dops
 from navsim.gnss.sky import azimuth_elevation, enu_matrix
 from navsim.landing.study import prepare
 from navsim.scenario.load import read
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from tests.conftest import DATA, SCENARIOS, Within
 
 BROADCAST = "data/esbc_2020177/ESBC00DNK_R_20201770000_01D_MN.rnx.gz"

@@ -9,7 +9,7 @@ import pymap3d
 import pytest
 import yaml
 
-from navsim.landing.table2 import (
+from navsim.published_tables.table2 import (
     APART,
     CALIBRATIONS,
     PUBLISHED_DOPS,

@@ -13,7 +13,7 @@ import pytest
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.landing import study as landing
 from navsim.runner.executor import threads
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.trajectory.kinematics import Trajectory, Wind, tangent_frame
 from navsim.trajectory.recorded import largest, smoothed_path
 from tests.conftest import Within

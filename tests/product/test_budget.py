@@ -14,15 +14,15 @@ from navsim.landing import study as landing
 from navsim.landing.covariance import budget
 from navsim.landing.estimate import estimate_landing as estimated
 from navsim.landing.estimate import further
-from navsim.landing.integrity_table_job import IntegrityTableJob
-from navsim.landing.table2_job import Table2Job
+from navsim.published_tables.integrity_table_job import IntegrityTableJob
+from navsim.published_tables.table2_job import Table2Job
 from navsim.results.result import write
 from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import Budget
 from navsim.runner.executor import threads
 from navsim.runner.job import Job, Opener, Options
-from navsim.scenario import shipped
 from navsim.scenario.load import read, read_for
+from navsim.scenario_files import shipped
 from navsim.simulation.error_sources import SOURCES
 from tests.conftest import LANDINGS, SCENARIOS
 from tests.helpers import case, in_brief

@@ -15,7 +15,7 @@ import pytest
 from navsim.results.result import read
 from navsim.runner.executor import WorkerLost
 from navsim.scenario import load
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from tests import forks
 from tests.conftest import SCENARIOS
 from tests.forks import Running, navsim

@@ -17,8 +17,8 @@ from navsim.report.assurance import CONDITION, JUDGES, SECTIONS, UNCHECKED, judg
 from navsim.report.citations import METHODS
 from navsim.results.checksum import MARK
 from navsim.results.result import Result, read
-from navsim.scenario.keys import rows as key_rows
 from navsim.scenario.load import section
+from navsim.scenario_files.keys import rows as key_rows
 from tests.forks import navsim
 from tests.made import EVERY
 

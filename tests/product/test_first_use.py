@@ -29,8 +29,8 @@ from navsim.kinds import KINDS, OF_FILES, named
 from navsim.report import figures as landing_figures
 from navsim.report import printing as drawing
 from navsim.results.result import ONE_RUN, SEVERAL_RUNS, ResultKind, read, read_kind
-from navsim.scenario import shipped
 from navsim.scenario.landing import Landing
+from navsim.scenario_files import shipped
 from navsim.sweeps.scenario import Sweep
 from tests.conftest import ROOT, SCENARIOS
 from tests.helpers import case, scenario
@@ -319,7 +319,7 @@ def test_choices_are_those_of_the_scenarios() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_the_list_of_kinds_names_is_there(kind: str) -> None:
     from navsim.report.view import View
-    from navsim.scenario.base import Section
+    from navsim.scenario_files.base import Section
 
     here = KINDS[kind]
     assert isinstance(named(here.view), View)

@@ -13,10 +13,10 @@ import yaml
 from navsim.landing.preflight import warnings_of
 from navsim.results.result import Result, Variable, read, write
 from navsim.runner.opening import checked
-from navsim.scenario.base import DEG_SQRT_H, MG
 from navsim.scenario.load import read as read_landing
 from navsim.scenario.load import read_any, resolved_yaml
-from navsim.scenario.source import InputError
+from navsim.scenario_files.base import DEG_SQRT_H, MG
+from navsim.scenario_files.source import InputError
 from tests.conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "scripts"))

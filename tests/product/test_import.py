@@ -19,10 +19,6 @@ from typer.testing import CliRunner, Result
 from navsim.cli import imports
 from navsim.cli.main import app
 from navsim.formats.conventions import FIX_ACCURACIES, FIX_SIGMAS
-from navsim.formats.logs import reading
-from navsim.formats.logs.contents import QUALITY, FixRecord, LogContents, interpolated
-from navsim.formats.logs.reading import read_logs
-from navsim.formats.logs.tables import log_files
 from navsim.formats.recorded_data import Fixes, Samples
 from navsim.formats.recording import read_fixes, read_imu
 from navsim.formats.rinex_obs import read_obs
@@ -30,6 +26,10 @@ from navsim.formats.text import FileError
 from navsim.geodesy.attitude import dcm_from_rpy
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.timescales import WEEK
+from navsim.logs import reading
+from navsim.logs.contents import QUALITY, FixRecord, LogContents, interpolated
+from navsim.logs.reading import read_logs
+from navsim.logs.tables import log_files
 from navsim.replays import study as replay
 from navsim.runner.opening import stem_of_log
 from navsim.scenario.load import read_any, read_replay

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from navsim.integrity.monitoring import Snapshot
-from navsim.landing import integrity_table
 from navsim.landing.integrity import glide_of
+from navsim.published_tables import integrity_table
 from navsim.results.findings import of
 from navsim.results.result import read
 from tests.conftest import SCENARIOS

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from navsim.environment.satellites import read_satellites
 from navsim.gnss import timescales
-from navsim.landing.satellites import read_satellites
 from navsim.replays import study as replay
 from navsim.scenario.load import read, read_replay
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from tests.conftest import SCENARIOS
 from tests.recordings import write_flight
 from tests.rinex import in_version_4, navigation_3

@@ -32,8 +32,8 @@ from navsim.filter.records import ImuData, schedule
 from navsim.formats.export import export
 from navsim.formats.stream import Lines, StreamError, open_source
 from navsim.landing import study as landing
-from navsim.replays import live as flying
-from navsim.replays.live import Session
+from navsim.live import session as flying
+from navsim.live.session import Session
 from navsim.replays.source_clock import start_time
 from navsim.results.result import read
 from navsim.runner.executor import threads

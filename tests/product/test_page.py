@@ -21,13 +21,13 @@ from bokeh.models import ColorBar
 
 from navsim.formats import sweep_rows
 from navsim.kinds import KINDS, named
+from navsim.page import landing, plots, touchdown
+from navsim.page.document import GENERATOR, Read, page
+from navsim.page.plots import MOST_POINTS, some
+from navsim.page.terrain import ridge_lines
 from navsim.report import citations, summary_tables
 from navsim.report.compare import differences, settings_of
 from navsim.report.figure_data import one_run
-from navsim.report.page import landing, plots, touchdown
-from navsim.report.page.document import GENERATOR, Read, page
-from navsim.report.page.plots import MOST_POINTS, some
-from navsim.report.page.terrain import ridge_lines
 from navsim.report.requirements import box
 from navsim.report.ridges import ShownRidge
 from navsim.report.sky import source_tracks
@@ -224,7 +224,7 @@ def test_colours_are_seen_on_light_and_dark_paper(paper: str) -> None:
 
 def made_of(name: str) -> str:
     """A file that pages are made of."""
-    return files("navsim.report.page").joinpath(name).read_text(encoding="utf-8")
+    return files("navsim.page").joinpath(name).read_text(encoding="utf-8")
 
 
 def test_heights_of_ridges_are_written_within_the_plan() -> None:

@@ -15,7 +15,7 @@ from navsim.optimization.scenario import Optimize
 from navsim.runner.checkpoint import CheckpointError
 from navsim.runner.executor import threads
 from navsim.scenario.load import read_study
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.sweeps.plan import plan
 from navsim.sweeps.scenario import Sweep
 from navsim.sweeps.study import SweepStudy, compute, partial_key, sweep_result

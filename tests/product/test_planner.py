@@ -36,7 +36,7 @@ from navsim.planner.server import MOST_PAGES
 from navsim.planner.session import PlannerSession
 from navsim.planner.target import Target
 from navsim.results.result import read
-from navsim.scenario.source import InputError, load
+from navsim.scenario_files.source import InputError, load
 from tests.conftest import ROOT, SCENARIOS
 from tests.forks import navsim
 from tests.product.conftest import opened

@@ -23,10 +23,10 @@ from navsim.cli.main import PLACES, app
 from navsim.kinds import OF_FILES
 from navsim.landing.controlled import stopping_rule
 from navsim.landing.rare_events import stopping_rule as rare_rule
-from navsim.scenario import key_names, shipped
-from navsim.scenario.json_schema import ANY, DIALECT, identity, published
 from navsim.scenario.load import section
-from navsim.scenario.source import load
+from navsim.scenario_files import key_names, shipped
+from navsim.scenario_files.json_schema import ANY, DIALECT, identity, published
+from navsim.scenario_files.source import load
 from tests.conftest import ROOT, SCENARIOS
 from tests.forks import navsim, shared
 from tests.helpers import load_script

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 from navsim.cli.main import app
 from navsim.formats.conventions import GnssConvention
 from navsim.formats.recording import read_fixes, read_imu
-from navsim.replays.diagnosis import diagnose
-from navsim.replays.mistakes import Log
+from navsim.recording_checks.diagnosis import diagnose
+from navsim.recording_checks.mistakes import Log
 from tests.conftest import SCENARIOS
 from tests.mistakes import MISTAKES, Made
 from tests.product.test_fuzz_readers import sentence

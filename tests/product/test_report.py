@@ -32,11 +32,11 @@ from navsim.companions.elevation import study as elevation_study
 from navsim.filter import states
 from navsim.formats.export import choose_run, export
 from navsim.landing import study as landing
+from navsim.live import report as live_report
 from navsim.optimization import report as optimize_report
-from navsim.replays import live_report
+from navsim.page import touchdown
 from navsim.report import figure_data, figures, limits, printing, summary_tables
 from navsim.report.landing import VIEW
-from navsim.report.page import touchdown
 from navsim.report.ridges import ShownRidge, shown_ridges
 from navsim.report.table import Table, console
 from navsim.results.result import Result, ResultError, Variable, read, write

@@ -12,8 +12,8 @@ import pytest
 import xarray as xr
 from PIL import Image
 
-from navsim.landing import table2 as study
-from navsim.landing.table2_report import cells
+from navsim.published_tables import table2 as study
+from navsim.published_tables.table2_report import cells
 from navsim.results.result import read
 from tests.layout import as_declared
 from tests.product.test_run import navsim

@@ -20,8 +20,9 @@ from navsim.results.result import Result, contents_of, read, read_unchecked, wri
 from navsim.runner.executor import threads
 from navsim.runner.provenance import CODE
 from navsim.runner.verification import ALL, DIFFERS, EQUAL, INTACT, NOTE, Verification, verify
-from navsim.scenario import load, shipped
-from navsim.scenario.source import parse
+from navsim.scenario import load
+from navsim.scenario_files import shipped
+from navsim.scenario_files.source import parse
 from tests.conftest import SCENARIOS
 from tests.forks import navsim
 from tests.made import EVERY

@@ -41,7 +41,7 @@ def tracked(*folders: str) -> list[str]:
 def test_it_holds_the_package_and_the_scenarios(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         held = {name for name in archive.namelist() if ".dist-info/" not in name}
-    scenarios = {f"navsim/scenario/templates/{name.removeprefix('scenarios/')}" for name in tracked("scenarios")}
+    scenarios = {f"navsim/scenario_files/templates/{name.removeprefix('scenarios/')}" for name in tracked("scenarios")}
     pages = {f"navsim/report/pages/{name}.md" for name in ("limits", "validation")}  # `navsim evidence` reads them
     assert held == {*tracked("navsim"), *scenarios, *pages}
     assert wheel.stat().st_size < 2_000_000

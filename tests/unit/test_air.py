@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from navsim.geodesy import earth
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.trajectory import air
 from navsim.trajectory.airspeed_path import Retimed
 from tests.helpers import scenario

@@ -27,7 +27,7 @@ from navsim.optimization.study import optimize_result, other_dop_warnings, solve
 from navsim.report.table import Table
 from navsim.results.result import read
 from navsim.scenario.load import read_study
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.sensors.beacons import Beacons
 from navsim.simulation.aiding import Aid
 from tests.forks import navsim

@@ -13,12 +13,12 @@ from pydantic import ValidationError
 from navsim.kinds import OF_FILES
 from navsim.replays.scenario import Gnss
 from navsim.replays.tuning import SEARCHED
-from navsim.scenario import shipped
-from navsim.scenario.base import FIX_LATENCIES, Section, validated
 from navsim.scenario.filter import FilterSection
 from navsim.scenario.load import read_any, section
 from navsim.scenario.signals import ReceiverSection
-from navsim.scenario.source import Document, InputError
+from navsim.scenario_files import shipped
+from navsim.scenario_files.base import FIX_LATENCIES, Section, validated
+from navsim.scenario_files.source import Document, InputError
 
 FREE = ("set", "values")
 """Keys whose values are those of another file, which has the bounds."""

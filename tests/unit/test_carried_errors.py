@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from navsim.compiler.lanes import WIDTH, in_lanes
-from navsim.filter.sensitivity_propagation import LinearisedHistory, propagate_columns, propagate_covariances
+from navsim.error_propagation.sensitivity_propagation import LinearisedHistory, propagate_columns, propagate_covariances
 from navsim.filter.states import MAX_MEASUREMENT_SIZE, SENSORS
 from navsim.gnss.clock_noise import step_covariance
 from navsim.simulation.along_truth import along_truth

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from navsim.environment.sources import environment
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.dop import dops
 from navsim.gnss.interference.horizon import horizon_dip
 from navsim.gnss.signals import build_signals
-from navsim.landing.sources import environment
 from navsim.optimization.problem import problem
 from navsim.optimization.scenario import Optimize
 from navsim.planner.outlook import Outlook

@@ -15,7 +15,7 @@ from navsim.formats.text import FileError, read_lines
 from navsim.results import files
 from navsim.results.hdf5 import CorruptFile
 from navsim.results.result import ResultError, read
-from navsim.scenario.source import InputError, load
+from navsim.scenario_files.source import InputError, load
 
 OPENERS: dict[str, Callable[[Path], object]] = {
     "checksum": files.checksum, "content": lambda path: files.content(path, 10_000_000), "lines": read_lines,

@@ -15,7 +15,7 @@ from navsim.landing.result import result as summarised
 from navsim.landing.study import fly_all
 from navsim.report.summary_tables import summary_table
 from navsim.runner.executor import threads
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.simulation.landing import draw, fly
 from tests.conftest import Within
 from tests.helpers import case, scenario

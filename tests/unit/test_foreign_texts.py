@@ -20,7 +20,7 @@ from navsim.formats.sp3 import read_sp3
 from navsim.formats.text import FileError, read_lines
 from navsim.gnss.constellations import gps
 from navsim.gnss.constellations.systems import GALILEO, GPS, SYSTEMS
-from navsim.scenario.source import InputError, load
+from navsim.scenario_files.source import InputError, load
 from tests.product import test_fuzz_readers as files
 from tests.rinex import observations_2, observations_3
 

@@ -11,8 +11,8 @@ from navsim.kinds import OF_FILES
 from navsim.landing.study import prepare
 from navsim.runner.errors import BadInput
 from navsim.runner.opening import checked
-from navsim.scenario.keys import rows
 from navsim.scenario.load import read, section
+from navsim.scenario_files.keys import rows
 from tests.conftest import SCENARIOS
 
 NAMING = [

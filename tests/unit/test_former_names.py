@@ -12,7 +12,7 @@ from navsim.results.result import Result, Variable, read, scenario_of, write
 from navsim.results.schema import SECTIONS
 from navsim.runner.opening import checked
 from navsim.scenario.load import read_any, resolved_yaml
-from navsim.scenario.source import InputError, load, parse, set_value
+from navsim.scenario_files.source import InputError, load, parse, set_value
 
 LANDING = Path("scenarios/landing.yaml")
 FORMER = {
@@ -87,7 +87,7 @@ def test_a_study_tells_once_of_its_former_keys(text: str, new: str, tmp_path: Pa
 
 
 def test_present_keys_exist() -> None:
-    keys = json.loads((files("navsim") / "scenario/keys.json").read_text())
+    keys = json.loads((files("navsim") / "scenario_files/keys.json").read_text())
     known = {key.rpartition(".")[2] for kind in keys.values() for key in kind} if isinstance(keys, dict) else set()
     for table in former_names._FORMER.values():
         assert set(table.values()) - {"heavy_tailed"} <= known

@@ -13,8 +13,8 @@ from navsim.geodesy.earth import llh_from_ecef
 from navsim.landing.preflight import station_warnings, warnings_of
 from navsim.report.figures import source_style
 from navsim.scenario.load import read
-from navsim.scenario.presets import STATION_PRESETS
-from navsim.scenario.source import InputError
+from navsim.scenario_files.presets import STATION_PRESETS
+from navsim.scenario_files.source import InputError
 from navsim.sensors.ground_stations import GroundStation
 from navsim.simulation.aiding import Aid
 from tests.helpers import SCENARIOS, case

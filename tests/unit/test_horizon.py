@@ -11,7 +11,7 @@ from navsim.formats.horizon import read_horizon
 from navsim.formats.text import FileError
 from navsim.landing.study import prepare
 from navsim.scenario.load import read
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from tests.helpers import SCENARIOS
 
 HEAD = "azimuth_deg,elevation_deg\n"

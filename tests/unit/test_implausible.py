@@ -11,7 +11,7 @@ import pytest
 from navsim.runner.errors import BadInput
 from navsim.runner.opening import checked
 from navsim.scenario.load import resolved_yaml
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from tests.conftest import SCENARIOS
 from tests.helpers import case, scenario
 

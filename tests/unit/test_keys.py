@@ -10,9 +10,9 @@ import pytest
 
 from navsim.formats.units import unit_of
 from navsim.kinds import OF_FILES
-from navsim.scenario import shipped
-from navsim.scenario.keys import ITEM, NAME, KeyRow, matching, nearest, rows
 from navsim.scenario.load import read_any, section
+from navsim.scenario_files import shipped
+from navsim.scenario_files.keys import ITEM, NAME, KeyRow, matching, nearest, rows
 
 
 @cache

@@ -15,7 +15,7 @@ from navsim.filter.measurement_models import observe
 from navsim.geodesy.attitude import dcm_from_rpy
 from navsim.report import figure_data, summary_tables
 from navsim.results.result import Result, Variable
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.sensors.magnetometer import Magnetometer
 from tests.helpers import case
 

@@ -19,10 +19,10 @@ from navsim.report.consistency_rows import state_verdict
 from navsim.results.findings import several
 from navsim.results.result import Result, Variable
 from navsim.results.schema import SCHEMA_VERSION
-from navsim.scenario.base import _models_in
 from navsim.scenario.integrity import TIMES_TO_ALERT, IntegritySection
 from navsim.scenario.load import read, resolved_yaml, section
-from navsim.scenario.source import InputError
+from navsim.scenario_files.base import _models_in
+from navsim.scenario_files.source import InputError
 from navsim.simulation.aiding import followed_errors
 from tests.conftest import SCENARIOS
 

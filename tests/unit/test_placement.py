@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from navsim.compiler.lanes import WIDTH, WIDTHS, in_lanes
-from navsim.landing.sources import environment
+from navsim.environment.sources import environment
 from navsim.optimization.placement import RunwayPlane, _polygons, surface_height
 from navsim.optimization.scenario import Surfaces
 from navsim.scenario.load import read

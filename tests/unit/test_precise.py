@@ -17,7 +17,7 @@ from navsim.gnss.constellations.precise import OrbitTable, PreciseOrbits
 from navsim.gnss.constellations.systems import GPS, SYSTEMS
 from navsim.landing import study as landing
 from navsim.scenario.load import read
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from tests.helpers import SCENARIOS
 
 UTC = timescales.posix(2018, 9, 13, 12)

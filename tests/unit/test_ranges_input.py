@@ -9,8 +9,8 @@ import pytest
 
 from navsim.ranging.recording import RangeLog, read_log
 from navsim.ranging.scenario import RecordedRanges
-from navsim.scenario.base import validated
-from navsim.scenario.source import InputError, parse
+from navsim.scenario_files.base import validated
+from navsim.scenario_files.source import InputError, parse
 
 NAMES = ("a", "b", "c", "d")
 POSITIONS = np.array([[0.0, 0.0, 2.0], [40.0, 0.0, 3.0], [40.0, 30.0, 8.0], [0.0, 30.0, 5.0]])

@@ -15,10 +15,10 @@ from pydantic import BaseModel, TypeAdapter
 from pydantic_core import PydanticUndefined
 
 from navsim.kinds import OF_FILES
-from navsim.scenario import shipped
-from navsim.scenario.keys import KeyRow, rows
 from navsim.scenario.load import read_any, section
-from navsim.scenario.presets import IMU_PRESETS
+from navsim.scenario_files import shipped
+from navsim.scenario_files.keys import KeyRow, rows
+from navsim.scenario_files.presets import IMU_PRESETS
 from tests.conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "scripts"))  # one script imports another

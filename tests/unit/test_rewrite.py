@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from navsim.scenario.rewrite import rewritten
-from navsim.scenario.source import parse
+from navsim.scenario_files.rewrite import rewritten
+from navsim.scenario_files.source import parse
 from tests.conftest import SCENARIOS
 
 LANDING = (SCENARIOS / "landing.yaml").read_text(encoding="utf-8")

@@ -10,10 +10,10 @@ from typing import Any
 import jsonschema
 import pytest
 
-from navsim.scenario import shipped
-from navsim.scenario.base import validated
 from navsim.scenario.load import read_any, section
-from navsim.scenario.source import Document, InputError, load
+from navsim.scenario_files import shipped
+from navsim.scenario_files.base import validated
+from navsim.scenario_files.source import Document, InputError, load
 
 
 @functools.cache

@@ -11,7 +11,7 @@ from matplotlib.path import Path as Outline
 
 from navsim.landing import study as landing
 from navsim.landing.study import prepare
-from navsim.report.page.sky import beside, sky_paper, skyline
+from navsim.page.sky import beside, sky_paper, skyline
 from navsim.runner.executor import threads
 from navsim.scenario.load import read
 from tests.helpers import SCENARIOS

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 import yaml
 
-from navsim.scenario import shipped, source
 from navsim.scenario.load import read_any
-from navsim.scenario.source import Document, InputError, assign, load, parse
+from navsim.scenario_files import shipped, source
+from navsim.scenario_files.source import Document, InputError, assign, load, parse
 
 LAUGHS = "a0: &a0 [x, x, x, x, x, x, x, x]\n" + "".join(
     f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 8)}]\n" for k in range(1, 9)

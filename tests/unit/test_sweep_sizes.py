@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from navsim.scenario.load import read_any
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.sweeps.plan import axes
 from navsim.sweeps.scenario import MOST_COMBINATIONS, Sweep
 

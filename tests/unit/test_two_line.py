@@ -12,7 +12,7 @@ from navsim.gnss import atmosphere, timescales
 from navsim.gnss.constellations import systems, tle
 from navsim.landing import study as landing
 from navsim.scenario.load import read
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from tests.helpers import SCENARIOS
 
 UTC = timescales.posix(2018, 9, 13)

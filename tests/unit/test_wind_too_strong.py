@@ -10,7 +10,7 @@ import pytest
 
 from navsim.runner.errors import BadInput
 from navsim.runner.opening import checked
-from navsim.scenario.source import InputError
+from navsim.scenario_files.source import InputError
 from navsim.trajectory import air
 from tests.conftest import SCENARIOS
 from tests.helpers import case, scenario

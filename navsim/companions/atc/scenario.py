@@ -8,7 +8,18 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.companions.circuit_section import CircuitSection
-from navsim.scenario.base import Decay, Latency, ListOf, NonNegative, ScanPeriod, Section, Sigma, Utc, Version, reject
+from navsim.scenario_files.base import (
+    Decay,
+    Latency,
+    ListOf,
+    NonNegative,
+    ScanPeriod,
+    Section,
+    Sigma,
+    Utc,
+    Version,
+    reject,
+)
 
 
 class Sigmas(Section):

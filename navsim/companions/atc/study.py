@@ -23,7 +23,7 @@ from navsim.results.result import Result
 from navsim.results.schema import ATC
 from navsim.runner.attributes import root_attributes
 from navsim.runner.findings import of_filter
-from navsim.scenario.base import DEG
+from navsim.scenario_files.base import DEG
 from navsim.statistics.random_streams import generator
 
 FILTERS = ("full", "adapt", "fix", "singer", "cartesian")

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from navsim.companions.circuit_section import CircuitSection
-from navsim.scenario.base import (
+from navsim.scenario_files.base import (
     Decay,
     Latency,
     ListOf,

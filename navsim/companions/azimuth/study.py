@@ -23,7 +23,7 @@ from navsim.results.schema import AZIMUTH
 from navsim.runner.attributes import root_attributes
 from navsim.runner.findings import of_filter
 from navsim.runner.statistics import mean_interval
-from navsim.scenario.base import DEG
+from navsim.scenario_files.base import DEG
 
 FILTERS = ("S1", "S2", "L1", "L2", "L3", "L4")
 SOURCES = ("L4 stamped", "L4 roll", "L4 track rate", "L4 roll stamped")

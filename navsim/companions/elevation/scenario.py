@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.base import (
+from navsim.scenario_files.base import (
     CorrelationTime,
     EndTime,
     FlightTime,

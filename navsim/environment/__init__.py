@@ -1,0 +1,1 @@
+"""What surrounds a landing: satellites, transmitters, terrain, built from the scenario."""

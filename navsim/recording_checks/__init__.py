@@ -1,0 +1,1 @@
+"""What is wrong with a recording: units, axes, clocks, fixes that contradict."""

@@ -1,0 +1,1 @@
+"""YAML files of scenarios: text with places, checked values, keys, presets, rewriting."""
