@@ -143,7 +143,7 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
     if mark is None or call.when == "teardown" or _WITHIN not in item.stash:  # the last: its mark is wrong
         return
     claim, oracle, *rest = mark.args
-    tolerances = ", ".join(f"{name} {text}" for name, text in mark.kwargs.items())
+    tolerances = ", ".join(f"{name.replace('_', ' ')}: {text}" for name, text in mark.kwargs.items())
     told = [claim, oracle, " ".join(filter(None, [tolerances, *rest])), sorted(item.stash[_WITHIN].unused)]
     item.user_properties[:] = [("validates", told)]
 
@@ -249,21 +249,21 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     lines = [
         "# Validation",
         "",
-        "Does navsim compute correctly? Each row compares it with other code, a publication or a closed form.",
-        "All rows hold within their tolerance: `make docs` writes this page only if no test fails.",
-        "An *independent script* computed published formulas without navsim's code; the test or `tests/data` has its",
-        "numbers and their source. Comparisons of navsim with itself are left out.",
+        "Does navsim compute correctly? Each row has a quantity that navsim computes, the reference that the test",
+        "compares it with, and the largest difference that the test allows. All rows hold: `make docs` writes this",
+        "page only if no test fails. *Relative* and % mean a share of the value. An *independent script* computed",
+        "published formulas without navsim's code.",
         "",
-        "These methods have no outside check:",
+        "No outside reference has checked these methods:",
         "",
         *(f"- {each.name}" for each in METHODS if each.name not in JUDGES),
         *(f"- {part}" for part in UNCHECKED),
         "",
-        "[Runs](filter-consistency.md) show when the covariance of the sum of several Gaussians is true.",
+        "Simulated landings [test](sigma.md) the default filter, the sum of several Gaussians.",
     ]
     for file, rows in groupby(in_order, lambda row: row[1].file):
         lines += ["", f"## {SUBJECTS[Path(file).stem.removeprefix('test_')]}", ""]
-        lines += ["| claim | checked against | tolerance | test |", "|---|---|---|---|"]
+        lines += ["| navsim computes | compared with | largest difference | test |", "|---|---|---|---|"]
         lines += [
             f"| {row.claim} | {row.oracle} | {row.tolerance or 'exact'}{_NOT_RUN[row.outcome]} "
             f"| `{name.split('::')[-1]}` |"

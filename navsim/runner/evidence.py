@@ -160,7 +160,7 @@ def _sections(evidence: Evidence) -> Iterator[str]:
     yield "<p>Each row compares code of navsim with another program, a publication or a closed form. All rows hold.</p>"
     if rows:
         cells = [(each.method, each.claim, each.oracle, each.tolerance) for each in rows]
-        yield _table(("method", "claim", "checked against", "tolerance"), _once(cells))
+        yield _table(("method", "navsim computes", "compared with", "largest difference"), _once(cells))
     if without:
         yield f"<p>Methods of this result without an outside check: {escape('; '.join(without))}.</p>"
     yield "<h2>Effects that are not modelled</h2>"

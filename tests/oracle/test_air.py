@@ -61,16 +61,17 @@ def ratios(samples: np.ndarray, transverse: bool) -> np.ndarray:
 
 
 @pytest.mark.parametrize("transverse", in_brief([False, True], 1))
-@pytest.mark.validates("Dryden turbulence: spectrum", "its closed form, Welch, V/L = 0.3", spectrum="10 %")
+@pytest.mark.validates("Dryden turbulence: spectrum",
+                       "closed form of the spectrum; estimated by Welch's method, V/L = 0.3",
+                       spectrum="10 %")  # fmt: skip
 def test_spectrum_of_turbulence(transverse: bool, within: Within) -> None:
     process, row = air.dryden(1.0 / 0.3, transverse)
     samples = flown(process, 2**20, STEP, np.random.default_rng(20)) @ row
     assert np.abs(ratios(samples, transverse) - 1.0).max() < within["spectrum"]
 
 
-@pytest.mark.validates(
-    "Dryden turbulence: the handbook's difference equation differs", "spectrum of MIL-STD-1797A's", ratio="0.1 %"
-)
+@pytest.mark.validates("Dryden turbulence: error of the handbook's difference equation, which navsim does not use",
+                       "spectrum of MIL-STD-1797A's", ratio="0.1 %")  # fmt: skip
 def test_difference_equation_fails(known: dict[str, Any], within: Within) -> None:
     """That of MIL-STD-1797A has a spectrum of first order: what the test above is there to find."""
     told = known["dryden_handbook_difference_equation"]
@@ -89,7 +90,7 @@ def test_difference_equation_fails(known: dict[str, Any], within: Within) -> Non
     assert np.abs(ratios(samples, True) - 1.0).max() > 0.1
 
 
-@pytest.mark.validates("Dryden turbulence: variance", "1 over 10000 time scales", variance="5 %")
+@pytest.mark.validates("Dryden turbulence: variance", "variance 1, over 10 000 time scales", variance="5 %")
 def test_variance_of_turbulence(within: Within) -> None:
     for transverse in (False, True):
         process, row = air.dryden(1.0, transverse)
@@ -97,7 +98,8 @@ def test_variance_of_turbulence(within: Within) -> None:
         assert np.mean(samples**2) == pytest.approx(1.0, rel=within["variance"])
 
 
-@pytest.mark.validates("Dryden turbulence: scales and sigmas", "formulas, independent script", scale="3e-4 (relative)")
+@pytest.mark.validates("Dryden turbulence: scales and sigmas", "independent script by the formulas",
+                       scale="3e-4 (relative)")  # fmt: skip
 def test_scales(known: dict[str, Any], within: Within) -> None:
     for h, along, across, down, half_across, half_down, sigma, vertical in known["dryden_scales"]["rows"]:
         h = np.array(h)
@@ -110,21 +112,22 @@ def test_scales(known: dict[str, Any], within: Within) -> None:
         assert air.dryden_sigmas(h, 1.0) == pytest.approx([sigma, sigma, vertical], rel=within["scale"])
 
 
-@pytest.mark.validates(
-    "Dryden turbulence: spectra of both specifications agree", "closed forms", value="1e-5 (relative)"
-)
+@pytest.mark.validates("Dryden turbulence: spectra of both specifications agree", "closed forms",
+                       every_value="1e-5 (relative)")  # fmt: skip
 def test_both_forms_are_one_model(known: dict[str, Any], within: Within) -> None:
     """With the lengths of the one in the form of the other they are not."""
     told = known["dryden_spectra"]
     v, length = told["V_m_s"], told["L_m"]
     omega = np.array([v / length])
     density = dryden_spectrum
-    assert density(omega, v, length, 1.0, False)[0] == pytest.approx(told["phi_u_at_V_over_L"], rel=within["value"])
+    assert density(omega, v, length, 1.0, False)[0] == pytest.approx(
+        told["phi_u_at_V_over_L"], rel=within["every_value"]
+    )
     assert density(omega, v, length, 1.0, True)[0] == pytest.approx(
-        told["phi_v_8785C_at_V_over_L"], rel=within["value"]
+        told["phi_v_8785C_at_V_over_L"], rel=within["every_value"]
     )
     mixed = density(omega, v, length, 1.0, True, air.MIL_HDBK_1797)[0]
-    assert mixed == pytest.approx(told["phi_v_1797_with_same_L_at_V_over_L"], rel=within["value"])
+    assert mixed == pytest.approx(told["phi_v_1797_with_same_L_at_V_over_L"], rel=within["every_value"])
     omega, h = np.geomspace(0.01, 100.0, 50), np.array([3.0, 20.0, 152.4])
     one, other = air.dryden_scales(h, air.MIL_F_8785C), air.dryden_scales(h, air.MIL_HDBK_1797)
     for a, b in zip(one[:, 1:].ravel(), other[:, 1:].ravel(), strict=True):
@@ -139,21 +142,23 @@ def autocorrelation(process: Process, row: np.ndarray, tau: list[float]) -> np.n
     return np.array([row @ exponential(process.a * t) @ p @ row for t in tau])
 
 
-@pytest.mark.validates("Dryden turbulence: autocorrelation", "closed form; JSBSim 1.3.3", r="1e-8", jsbsim="0.06")
+@pytest.mark.validates("Dryden turbulence: autocorrelation", "closed form; JSBSim 1.3.3", autocorrelation="1e-8",
+                       JSBSim="0.06")  # fmt: skip
 def test_autocorrelation(known: dict[str, Any], within: Within) -> None:
     told = known["dryden_acf"]
     process, row = air.dryden(told["T_s"], True)
     assert process.covariance == pytest.approx(np.eye(2), abs=1e-12)
-    assert autocorrelation(process, row, told["tau_s"]) == pytest.approx(told["R"], abs=within["r"])
+    assert autocorrelation(process, row, told["tau_s"]) == pytest.approx(told["R"], abs=within["autocorrelation"])
     flight = known["dryden_jsbsim"]
     speed, h = 274.0 * FOOT, np.array(200.0 * FOOT)
     for k, axis in enumerate("uvw"):
         gust = air.dryden(float(air.dryden_scales(h)[k]) / speed, k > 0)
-        assert autocorrelation(*gust, flight["acf_tau_s"]) == pytest.approx(flight["acf"][axis], abs=within["jsbsim"])
+        assert autocorrelation(*gust, flight["acf_tau_s"]) == pytest.approx(flight["acf"][axis], abs=within["JSBSim"])
     assert air.dryden_sigmas(h, 50.0) == pytest.approx(flight["sigma_ft_s"]["measured"], rel=0.05)
 
 
-@pytest.mark.validates("exact discretisation", "matrix exponential of van Loan's block", value="1e-6 (relative)")
+@pytest.mark.validates("Exact discretisation of Dryden turbulence", "matrix exponential of van Loan's block",
+                       every_value="1e-6 (relative)")  # fmt: skip
 def test_exact_discretisation(known: dict[str, Any], within: Within) -> None:
     """Of the controllable form, which states of unit variance are scaled from."""
     told = known["dryden_exact_discretisation"]
@@ -161,18 +166,18 @@ def test_exact_discretisation(known: dict[str, Any], within: Within) -> None:
     process, row = air.dryden(t, True)
     scale = np.array([math.sqrt(t**3 / 4.0), math.sqrt(t / 4.0)])
     transition, root = discretised(process.a, process.b, told["dt_s"])
-    assert transition * scale[:, None] / scale == pytest.approx(np.array(told["Ad"]), rel=within["value"])
+    assert transition * scale[:, None] / scale == pytest.approx(np.array(told["Ad"]), rel=within["every_value"])
     noise = root @ root.T * np.outer(scale, scale)
-    assert noise == pytest.approx(np.array(told["Qd"]), rel=within["value"])
-    assert row / scale == pytest.approx(told["C"], rel=within["value"])
-    assert scale**2 == pytest.approx(told["P0_diag"], rel=within["value"])
+    assert noise == pytest.approx(np.array(told["Qd"]), rel=within["every_value"])
+    assert row / scale == pytest.approx(told["C"], rel=within["every_value"])
+    assert scale**2 == pytest.approx(told["P0_diag"], rel=within["every_value"])
     # a step of many time constants leaves nothing but the stationary process
     transition, root = discretised(process.a, process.b, 40.0 * t)
     assert np.abs(transition).max() < 1e-12
     assert root @ root.T == pytest.approx(process.covariance, rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.validates("variance of a gust behind a first-order lag", "closed forms", variance="1e-9")
+@pytest.mark.validates("Variance of a gust behind a first-order lag", "closed forms", variance="1e-9")
 def test_gust_through_lag(known: dict[str, Any], within: Within) -> None:
     told = known["gust_through_first_order_lag"]
     lag = told["tau_s"]
@@ -187,7 +192,8 @@ def test_gust_through_lag(known: dict[str, Any], within: Within) -> None:
 
 
 @pytest.mark.parametrize("transverse", [False, True])
-@pytest.mark.validates("an aircraft in turbulence", "integrals of its spectrum by frequency", sigma="1e-6 (relative)")
+@pytest.mark.validates("Sigma of an aircraft's motion in turbulence", "integrals of its spectrum by frequency",
+                       sigma="1e-6 (relative)")  # fmt: skip
 def test_aircraft_in_turbulence(transverse: bool, within: Within) -> None:
     """Place, speed, acceleration, and what the nose follows: density times the square of the response."""
     time_scale, lag, loop, nose = 1.5, 0.3, 5.0, 0.5
@@ -209,24 +215,25 @@ def test_aircraft_in_turbulence(transverse: bool, within: Within) -> None:
     assert math.sqrt(rates[first + 2] @ p @ rates[first + 2]) == pytest.approx(math.sqrt(variance), rel=within["sigma"])
 
 
-@pytest.mark.validates("flight-technical error", "Lyapunov equation, matrix exponential", value="1e-6 (relative)")
+@pytest.mark.validates("Covariance and autocorrelation of the flight-technical error",
+                       "Lyapunov equation, matrix exponential", every_value="1e-6 (relative)")  # fmt: skip
 def test_flight_technical_error(known: dict[str, Any], within: Within) -> None:
     told = known["fte_third_order_markov"]
     error = air.Deviation(told["sigma_m"], told["correlation_time_s"])
-    assert error.beta == pytest.approx(told["beta"], rel=within["value"])
+    assert error.beta == pytest.approx(told["beta"], rel=within["every_value"])
     process = error.process()
     p = stationary(process.a, process.b) * error.sigma**2
-    assert math.sqrt(p[0, 0]) == pytest.approx(error.sigma, rel=within["value"])
-    assert math.sqrt(p[1, 1]) == pytest.approx(told["sigma_velocity"], rel=within["value"])
-    assert math.sqrt(p[2, 2]) == pytest.approx(told["sigma_acceleration"], rel=within["value"])
+    assert math.sqrt(p[0, 0]) == pytest.approx(error.sigma, rel=within["every_value"])
+    assert math.sqrt(p[1, 1]) == pytest.approx(told["sigma_velocity"], rel=within["every_value"])
+    assert math.sqrt(p[2, 2]) == pytest.approx(told["sigma_acceleration"], rel=within["every_value"])
     found = autocorrelation(process, np.array([1.0, 0.0, 0.0]), told["acf_tau_s"])
-    assert found == pytest.approx(told["acf"], rel=within["value"])
+    assert found == pytest.approx(told["acf"], rel=within["every_value"])
     tau = np.linspace(0.0, 200.0, 20001).tolist()
     r = autocorrelation(process, np.array([1.0, 0.0, 0.0]), tau)
     assert np.trapezoid(r, tau) == pytest.approx(told["correlation_time_s"], rel=1e-5)
 
 
-@pytest.mark.validates("mean wind by height", "closed forms, independent script", share="6e-5")
+@pytest.mark.validates("Mean wind by height", "closed forms, independent script", share="6e-5")
 def test_profiles(known: dict[str, Any], within: Within) -> None:
     rows = np.array(known["wind_profile"]["rows"])
     for column, kind, parameter in ((1, "log", 0.15 * FOOT), (2, "log", 2.0 * FOOT), (3, "power", 1.0 / 7.0)):
@@ -234,7 +241,8 @@ def test_profiles(known: dict[str, Any], within: Within) -> None:
         assert np.abs(speed - rows[:, column]).max() < within["share"]
 
 
-@pytest.mark.validates("the wind triangle", "vector sum, independent script", value="1e-4")
+@pytest.mark.validates("Heading and ground speed by the wind triangle", "vector sum, independent script",
+                       every_value="1e-4")  # fmt: skip
 def test_wind_triangle(known: dict[str, Any], within: Within) -> None:
     told = known["wind_triangle"]
 
@@ -245,12 +253,12 @@ def test_wind_triangle(known: dict[str, Any], within: Within) -> None:
 
     case = told["fixed_ground_speed"]
     found = air.triangle(np.array([[case["ground_speed"], 0.0, 0.0]]), wind(case))
-    assert found.airspeed[0] == pytest.approx(case["airspeed"], abs=within["value"])
-    assert math.degrees(found.crab[0]) == pytest.approx(case["heading_deg"], abs=within["value"])
+    assert found.airspeed[0] == pytest.approx(case["airspeed"], abs=within["every_value"])
+    assert math.degrees(found.crab[0]) == pytest.approx(case["heading_deg"], abs=within["every_value"])
     for case in told["fixed_airspeed"]:
         ahead = np.array([[1.0, 0.0, 0.0]])
         speed = air.ground_speed(np.array([case["tas"]]), ahead, wind(case))
-        assert speed[0] == pytest.approx(case["ground_speed"], abs=within["value"])
+        assert speed[0] == pytest.approx(case["ground_speed"], abs=within["every_value"])
         found = air.triangle(speed[:, None] * ahead, wind(case))
-        assert found.airspeed[0] == pytest.approx(case["tas"], abs=within["value"])
-        assert abs(math.degrees(found.crab[0])) == pytest.approx(case["correction_deg"], abs=within["value"])
+        assert found.airspeed[0] == pytest.approx(case["tas"], abs=within["every_value"])
+        assert abs(math.degrees(found.crab[0])) == pytest.approx(case["correction_deg"], abs=within["every_value"])

@@ -33,10 +33,8 @@ def scenario(**keys: object) -> Atc:
     return Atc.model_validate({"kind": "atc-tracking", "version": 1, **keys})
 
 
-@pytest.mark.validates(
-    "Range rate and acceleration from onboard and line-of-sight data", "scipy's spline through the range",
-    rate="1e-7 m/s", acceleration="1e-4 m/s2",
-)  # fmt: skip
+@pytest.mark.validates("Range rate and acceleration from onboard and line-of-sight data",
+                       "scipy's spline through the range", rate="1e-7 m/s", acceleration="1e-4 m/s2")  # fmt: skip
 def test_range_acceleration_is_that_of_the_flight(within: Within) -> None:
     """On the circuit, half a second and more from the ends of its commands, where third derivatives jump."""
     flight = fly(CircuitSection().circuit())
@@ -79,9 +77,8 @@ LIMITS = {
 }  # fmt: skip
 
 
-@pytest.mark.validates(
-    "Steady state of the five pairs", "Riccati solver of an independent script", **{"sigma and gain": "1e-7"}
-)
+@pytest.mark.validates("Steady state of the five pairs of filters", "Riccati solver of an independent script",
+                       **{"sigma and gain": "1e-7"})  # fmt: skip
 @pytest.mark.parametrize("period", LIMITS)
 def test_limits_of_the_pairs(period: float, within: Within) -> None:
     for (sigma, gain), expected, unit in zip(
@@ -194,7 +191,7 @@ def linked(**link: object) -> Atc:
     return scenario(link=link, further_cases=[], runs=1)
 
 
-@pytest.mark.validates("Reports by data link: their age and steps", "a plain numpy filter of the pair",
+@pytest.mark.validates("Track by reports of a data link with age and quantisation", "a plain numpy filter of the pair",
                        track="1e-10 rad")  # fmt: skip
 @pytest.mark.parametrize("assumed", [0.0, 1.0])
 def test_reports_of_the_data_link(assumed: float, within: Within) -> None:

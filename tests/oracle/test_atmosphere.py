@@ -20,7 +20,7 @@ def gpst(text: str) -> float:
     return datetime.datetime.fromisoformat(text + "+00:00").timestamp() - timescales.GPS_EPOCH
 
 
-@pytest.mark.validates("Klobuchar's ionosphere", "RTKLIB's unit test t_atmos.c", delay="1e-8 m")
+@pytest.mark.validates("Ionospheric delay by Klobuchar's model", "RTKLIB's unit test t_atmos.c", delay="1e-8 m")
 def test_klobuchar(oracles: dict[str, Any], within: Within) -> None:
     entry = oracles["klobuchar"]
     for c in entry["cases"]:
@@ -31,7 +31,7 @@ def test_klobuchar(oracles: dict[str, Any], within: Within) -> None:
         assert ours == pytest.approx(c["m"], abs=within["delay"])
 
 
-@pytest.mark.validates("Saastamoinen's troposphere", "RTKLIB's unit test t_atmos.c", delay="1e-8 m")
+@pytest.mark.validates("Tropospheric delay by Saastamoinen's model", "RTKLIB's unit test t_atmos.c", delay="1e-8 m")
 def test_saastamoinen(oracles: dict[str, Any], within: Within) -> None:
     entry = oracles["saastamoinen"]
     c = entry["case"]
@@ -69,10 +69,8 @@ def test_seasons_are_opposite_in_the_hemispheres() -> None:
     assert atmosphere.mops_zenith(north, 211)[1] > 1.5 * atmosphere.mops_zenith(north, 28)[1]
 
 
-@pytest.mark.validates(
-    "Niell's mapping functions", "MOPS mapping 1.001 / sqrt(0.002001 + sin2 E) of DO-229", "above 10°",
-    hydrostatic="0.6 %", wet="1.5 %",
-)  # fmt: skip
+@pytest.mark.validates("Niell's mapping functions", "MOPS mapping 1.001 / sqrt(0.002001 + sin2 E) of DO-229",
+                       "above 10°", hydrostatic="0.6 %", wet="1.5 %")  # fmt: skip
 def test_niell_against_the_mapping_of_the_mops(within: Within) -> None:
     elevation = np.radians(np.array([10.0, 20.0, 45.0, 90.0]))
     mops = 1.001 / np.sqrt(0.002001 + np.sin(elevation) ** 2)
@@ -82,15 +80,14 @@ def test_niell_against_the_mapping_of_the_mops(within: Within) -> None:
     assert atmosphere.niell_mapping(SITE, np.pi / 2, 10) == pytest.approx((1.0, 1.0), abs=1e-9)
 
 
-@pytest.mark.validates(
-    "air on the paths of pseudolites", "quadrature of ITU-R P.453's atmosphere (scipy)", value="1e-9 m"
-)
+@pytest.mark.validates("Delay by the air on the paths of pseudolites",
+                       "quadrature of ITU-R P.453's atmosphere (scipy)", every_value="1e-9 m")  # fmt: skip
 @pytest.mark.parametrize(("a", "b"), [(0.0, 0.0), (153.0, 2.0), (3.0, 3000.0), (10.0, 10.001)])
 def test_ground_delay(a: float, b: float, within: Within) -> None:
     distance = 5000.0
     share, _ = quad(lambda s: np.exp(-(a + s * (b - a)) / 7350.0), 0.0, 1.0, epsabs=1e-14)
     found = 320.0 * atmosphere.ground_delay(np.array(a), np.array(b), np.array(distance))
-    assert found == pytest.approx(320e-6 * distance * share, abs=within["value"])
+    assert found == pytest.approx(320e-6 * distance * share, abs=within["every_value"])
     if b == 0.0:
         assert found == pytest.approx(1.6)  # 0.32 m a kilometre
 

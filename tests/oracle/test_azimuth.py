@@ -35,13 +35,13 @@ def scenario(**keys: object) -> Azimuth:
 
 
 @pytest.mark.validates("The landing circuit: position, azimuth, range and their derivatives", "independent script",
-                       place="1e-3 m", azimuth="1e-7 deg", rate="1e-8 deg/s", acceleration="1e-9 deg/s2",
+                       position="1e-3 m", azimuth="1e-7 deg", rate="1e-8 deg/s", acceleration="1e-9 deg/s2",
                        **{"range rate": "1e-6 m/s", "range acceleration": "1e-6 m/s2"})  # fmt: skip
 @pytest.mark.parametrize("row", ORACLE)
 def test_circuit(row: tuple[float, ...], within: Within) -> None:
     t, north, east, speed, track, az, az1, az2, literal, range1, range2 = row
     i = round(t / 0.01)
-    np.testing.assert_allclose(FLIGHT.position[i], [north, 450.0, east], rtol=0.0, atol=within["place"])
+    np.testing.assert_allclose(FLIGHT.position[i], [north, 450.0, east], rtol=0.0, atol=within["position"])
     assert FLIGHT.speed[i] == pytest.approx(speed, abs=5e-5)
     assert FLIGHT.track[i] / DEG == pytest.approx(track, abs=1e-6)
     assert FLIGHT.azimuth[i] / DEG == pytest.approx(az, abs=within["azimuth"])

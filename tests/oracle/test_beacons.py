@@ -23,12 +23,8 @@ from tests.conftest import Within
 from tests.helpers import case
 
 
-@pytest.mark.validates(
-    "DOPs of two-way and one-way ranges, alone and with satellites",
-    "numpy pseudoinverse, 1000 layouts",
-    "(relative)",
-    DOPs="1e-9",
-)
+@pytest.mark.validates("DOPs of two-way and one-way ranges, alone and with satellites",
+                       "numpy pseudoinverse, 1000 layouts", "(relative)", DOPs="1e-9")  # fmt: skip
 def test_two_way_dops(within: Within) -> None:
     """The Fisher information of ranges of unit sigma is the sum of u u'; its inverse is the Cramer-Rao bound.
 
@@ -61,7 +57,7 @@ def test_two_way_dops(within: Within) -> None:
         np.testing.assert_allclose(mixed, np.sqrt(expected), rtol=within["DOPs"])
 
 
-@pytest.mark.validates("DOPs of ranges, without and with a clock", "sidereon 3.0.4, 1000 layouts", "(relative)",
+@pytest.mark.validates("DOPs of beacons, without and with a clock", "sidereon 3.0.4, 1000 layouts", "(relative)",
                        DOPs="1e-9")  # fmt: skip
 def test_dops_of_another_program(within: Within) -> None:
     """It has a clock. With a beacon opposite of each that has no part in the position, whose information doubles."""
@@ -94,9 +90,8 @@ def test_link_budget() -> None:
     assert loss == pytest.approx(14.0 + 2.0 + 97.0, abs=1e-3)
 
 
-@pytest.mark.validates(
-    "update with a range that may be an outlier", "posterior by numerical integration", "(relative)", moments="1e-6"
-)
+@pytest.mark.validates("Filter update by a range that may be an outlier", "posterior by numerical integration",
+                       "(relative)", moments="1e-6")  # fmt: skip
 @pytest.mark.parametrize("mixture", [(0.0, 1.0, 0.3, 2.0), (0.1, 4.0, 0.0, 1.0), (0.05, 9.0, 0.2, 1.5)])
 def test_update_with_a_mixture(within: Within, mixture: tuple[float, ...]) -> None:
     """Prior N(0, a), z = x + noise + D: mean and variance of x given z, and the likelihood of z."""
@@ -190,12 +185,9 @@ def wgs84(lat: float, lon: float, height: float) -> np.ndarray:
     return np.array([level * math.cos(lon), level * math.sin(lon), (n * (1.0 - e2) + height) * math.sin(lat)])
 
 
-@pytest.mark.validates(
-    "predicted range, noise and gate of a beacon without bias",
-    "fusion rule of PX4's EKF2, written anew",
-    ranges="1e-11 (relative)",
-    variance="1e-9 (relative)",
-)
+@pytest.mark.validates("Predicted range, its variance and gate, of a beacon without bias",
+                       "fusion rule of PX4's EKF2, written anew", ranges="1e-11 (relative)",
+                       variance="1e-9 (relative)")  # fmt: skip
 def test_rule_of_an_autopilot(within: Within) -> None:
     """Innovation |p - p_beacon| - r in ECEF, R the larger of reported and configured noise, rejection where the squared
     innovation exceeds gate^2 (H P H' + R), H the unit vector from the beacon. The IMU is at the antenna."""

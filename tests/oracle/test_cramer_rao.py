@@ -93,10 +93,9 @@ def of_beacons(flown: Case) -> np.ndarray:
     return out
 
 
-@pytest.mark.validates(
-    "Covariance of position, clocks, survey errors and biases of pseudolites and beacons",
-    "numpy, inverse of prior and Fisher information", "(relative)", sigma="2e-3",
-)  # fmt: skip
+@pytest.mark.validates("Covariance of position, clocks, survey errors and biases of pseudolites and beacons",
+                       "Cramér-Rao bound in numpy: inverse of prior and Fisher information", "(relative)",
+                       sigma="2e-3")  # fmt: skip
 @pytest.mark.parametrize(
     ("coupling", "more"), [("tight", (*CONSTANT, BEACONS)), ("loose", (BEACONS,)), ("tight", CONSTANT)]
 )

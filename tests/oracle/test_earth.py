@@ -17,13 +17,8 @@ from navsim.gnss.sky import azimuth_elevation, enu_matrix
 from tests.conftest import Within
 
 
-@pytest.mark.validates(
-    "geodetic and ECEF coordinates",
-    "RTKLIB and roktools published points",
-    angles="1e-7 deg",
-    ECEF="2e-3 m",
-    height="1e-3 m",
-)
+@pytest.mark.validates("Geodetic and ECEF coordinates", "RTKLIB and roktools published points", angles="1e-7 deg",
+                       ECEF="2e-3 m", height="1e-3 m")  # fmt: skip
 def test_published_points(oracles: dict[str, Any], within: Within) -> None:
     for entry in oracles["ecef_llh"]:
         lat, lon, h = entry["lat_lon_deg_h_m"]
@@ -34,7 +29,7 @@ def test_published_points(oracles: dict[str, Any], within: Within) -> None:
         assert back[2] == pytest.approx(h, abs=within["height"])
 
 
-@pytest.mark.validates("normal gravity", "NIMA TR8350.2 figures as in pyins' tests", gravity="1e-9 m/s2")
+@pytest.mark.validates("Normal gravity", "NIMA TR8350.2 figures as in pyins' tests", gravity="1e-9 m/s2")
 def test_published_gravity(oracles: dict[str, Any], within: Within) -> None:
     entry = oracles["gravity_somigliana"]
     assert point.gravity(0.0, 0.0) == pytest.approx(entry["g_equator_h0"], abs=within["gravity"])
@@ -42,7 +37,7 @@ def test_published_gravity(oracles: dict[str, Any], within: Within) -> None:
     assert point.gravity(0.5, 1000.0) == pytest.approx(point.gravity(0.5, 0.0) * (1 - 2000.0 / earth.A), rel=1e-14)
 
 
-@pytest.mark.validates("geodetic and ECEF coordinates, random points", "pymap3d", ECEF="1e-8 m")
+@pytest.mark.validates("Geodetic and ECEF coordinates, random points", "pymap3d", ECEF="1e-8 m")
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])  # the tolerances stay as they are
 @given(lat=st.floats(-89.9, 89.9), lon=st.floats(-180, 180), h=st.floats(-1e3, 5e5))
 def test_coordinates_agree_with_pymap3d(within: Within, lat: float, lon: float, h: float) -> None:
@@ -59,19 +54,18 @@ def test_coordinates_agree_with_pymap3d(within: Within, lat: float, lon: float, 
     np.testing.assert_allclose(axes, earth.ned_matrix(llh), atol=1e-15)
 
 
-@pytest.mark.validates("local axes, random points", "pymap3d", vector="1e-14")
+@pytest.mark.validates("Local axes, random points", "pymap3d", axes="1e-14")
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(lat=st.floats(-89.9, 89.9), lon=st.floats(-180, 180))
 def test_local_axes_agree_with_pymap3d(within: Within, lat: float, lon: float) -> None:
     v = np.array([0.3, -2.0, 1.1])
     enu = pymap3d.ecef2enuv(*v, lat, lon)
     ned = earth.ned_matrix(np.array([np.radians(lat), np.radians(lon), 0.0])) @ v
-    np.testing.assert_allclose(ned, [enu[1], enu[0], -enu[2]], rtol=0.0, atol=within["vector"])
+    np.testing.assert_allclose(ned, [enu[1], enu[0], -enu[2]], rtol=0.0, atol=within["axes"])
 
 
-@pytest.mark.validates(
-    "azimuth, elevation and distance, random points", "pymap3d", angles="1e-8 deg", distance="1e-6 m"
-)
+@pytest.mark.validates("Azimuth, elevation and distance, random points", "pymap3d", angles="1e-8 deg",
+                       distance="1e-6 m")  # fmt: skip
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     lat=st.floats(-89.0, 89.0), lon=st.floats(-180, 180), h=st.floats(-1e3, 1e4),
@@ -91,7 +85,7 @@ def test_directions_agree_with_pymap3d(
     assert np.linalg.norm(away) == pytest.approx(distance, abs=within["distance"])
 
 
-@pytest.mark.validates("positions in runway axes, random points", "pymap3d", place="1e-6 m")
+@pytest.mark.validates("Positions in runway axes, random points", "pymap3d", position="1e-6 m")
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     lat=st.floats(-85.0, 85.0), lon=st.floats(-179, 179), heading=st.floats(0.0, 360.0), s=st.floats(-5e3, 5e3),
@@ -106,10 +100,10 @@ def test_runway_axes_agree_with_pymap3d(
     east, north = -l1 * ahead + s * np.array([np.sin(right), np.cos(right)])
     place = pymap3d.enu2geodetic(east, north, 0.0, lat, lon, 150.0)
     theirs = np.array(pymap3d.geodetic2ecef(place[0], place[1], 153.0))
-    np.testing.assert_allclose(earth.ecef_from_llh(ours), theirs, rtol=0.0, atol=within["place"])
+    np.testing.assert_allclose(earth.ecef_from_llh(ours), theirs, rtol=0.0, atol=within["position"])
 
 
-@pytest.mark.validates("radii of curvature at pole and equator", "closed form", "(relative)", radii="1e-12")
+@pytest.mark.validates("Radii of curvature at pole and equator", "closed form", "(relative)", radii="1e-12")
 def test_radii_at_pole_and_equator(within: Within) -> None:
     """Closed forms: a(1 - e2) and a on the equator, both a/sqrt(1 - e2) at the pole."""
     assert point.radii(0.0) == pytest.approx((earth.A * (1 - earth.E2), earth.A), rel=within["radii"])

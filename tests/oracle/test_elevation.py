@@ -37,13 +37,8 @@ SEQUENCE = {
 }
 
 
-@pytest.mark.validates(
-    "Covariance and gain of the elevation filter, step by step",
-    "independent script",
-    "(relative)",
-    covariance="1e-9",
-    gain="5e-9",
-)
+@pytest.mark.validates("Covariance and gain of the elevation filter, step by step", "independent script", "(relative)",
+                       covariance="1e-9", gain="5e-9")  # fmt: skip
 def test_covariance_sequence(within: Within) -> None:
     m = model("paper", PERIOD, Q, 1.0, R)
     covariances, gains = covariance_sequence(m.phi, m.q, m.h, m.r, P0, 5)
@@ -72,9 +67,8 @@ def test_steady_state_where_noises_differ_by_powers_of_ten(alpha: float, period:
         np.testing.assert_allclose(after / np.outer(size, size), p / np.outer(size, size), atol=1e-9)
 
 
-@pytest.mark.validates(
-    "Steady state of the elevation filter", "closed form of the alpha-beta quartic", "(relative)", covariance="1e-10"
-)
+@pytest.mark.validates("Steady state of the elevation filter", "closed form of the alpha-beta quartic", "(relative)",
+                       covariance="1e-10")  # fmt: skip
 def test_steady_state_closed_form(within: Within) -> None:
     m = model("paper", PERIOD, Q, 1.0, R)
     p, gain = steady_state(m.phi, m.q, m.h, m.r)
@@ -96,23 +90,20 @@ def test_steady_state_closed_form(within: Within) -> None:
         assert steady_state(m.phi, m.q, m.h, m.r)[0][0, 0] == pytest.approx(expected, rel=1e-6)
 
 
-@pytest.mark.validates(
-    "Exact Singer discretisation",
-    "published MathWorks example; independent script",
-    "(relative)",
-    **{"to its digits": "5e-5", "independent script": "1e-9"},
-)
+@pytest.mark.validates("Exact Singer discretisation", "published MathWorks example; independent script", "(relative)",
+                       **{"published digits": "5e-5", "script": "1e-9"})  # fmt: skip
 def test_singer(within: Within) -> None:
     _, q = singer(1.0, 1.0 / 20.0, 1.0)
     np.testing.assert_allclose(
-        q[np.triu_indices(3)], [0.0049, 0.0121, 0.0159, 0.0321, 0.0476, 0.0952], rtol=0.0, atol=within["to its digits"]
+        q[np.triu_indices(3)],
+        [0.0049, 0.0121, 0.0159, 0.0321, 0.0476, 0.0952],
+        rtol=0.0,
+        atol=within["published digits"],
     )
     phi, q = singer(PERIOD, 1.0, 1.0)
-    np.testing.assert_allclose(
-        phi[:, 2], [3.02548895276e-4, 0.0243974511047, 0.975602548895], rtol=within["independent script"]
-    )
+    np.testing.assert_allclose(phi[:, 2], [3.02548895276e-4, 0.0243974511047, 0.975602548895], rtol=within["script"])
     expected = [9.06853110875e-10, 9.1535834033e-8, 4.9006736131e-6, 9.86217014549e-6, 5.95235620407e-4, 0.048199666589]
-    np.testing.assert_allclose(q[np.triu_indices(3)], expected, rtol=within["independent script"])
+    np.testing.assert_allclose(q[np.triu_indices(3)], expected, rtol=within["script"])
 
 
 @pytest.mark.parametrize("ratio", [5.0, 24.7, 1e3, 6e4])
@@ -141,12 +132,9 @@ ANGLES = [
 ]
 
 
-@pytest.mark.validates(
-    "beta, beta', beta'' on the four segments",
-    "independent script; finite differences",
-    angles="1e-9",
-    differences="1e-6",
-)
+@pytest.mark.validates("Elevation beta and its derivatives on the four segments",
+                       "independent script; finite differences", angles="1e-9",
+                       differences="1e-6 (relative)")  # fmt: skip
 @pytest.mark.parametrize(("leg", "t", "expected"), ANGLES)
 def test_angles(leg: Any, t: float, expected: tuple[float, float, float], within: Within) -> None:
     values = [float(x[0]) for x in mls.elevation(leg(np.array([t])))]
@@ -158,7 +146,8 @@ def test_angles(leg: Any, t: float, expected: tuple[float, float, float], within
     assert (rate[2] - rate[0]) / (2 * step) == pytest.approx(second[1], rel=within["differences"], abs=1e-12)
 
 
-@pytest.mark.validates("Probabilities of accuracy bands, and the runs they need", "scipy.stats.chi2", chance="1e-12")
+@pytest.mark.validates("Probabilities of accuracy bands, and the runs that they need", "scipy.stats.chi2",
+                       probability="1e-12")  # fmt: skip
 def test_bands(within: Within) -> None:
     table = {"std_theory": (0.955238645, 0.953041804, 48), "std_sample": (0.943881932, 0.941563968, 53),
              "variance": (0.685985351, 0.681086281, 191)}  # fmt: skip
@@ -168,7 +157,7 @@ def test_bands(within: Within) -> None:
         assert coverage(band, 0.2, 49) == pytest.approx(less_one, abs=1e-8)
         low, high = limits[band]
         assert coverage(band, 0.2, 50) == pytest.approx(
-            chi2.cdf(50 * high, 50) - chi2.cdf(50 * low, 50), abs=within["chance"]
+            chi2.cdf(50 * high, 50) - chi2.cdf(50 * low, 50), abs=within["probability"]
         )
         assert smallest_number(band, 0.2, 0.95) == needed
         assert coverage(band, 0.2, needed) >= 0.95 > coverage(band, 0.2, needed - 1)
@@ -305,8 +294,9 @@ def test_criterion_of_the_second_order_model(result: Result) -> None:
     assert criterion_verdict(3.0, 1.0) == "not met"
 
 
-@pytest.mark.validates("Limits of the exact model of a correlated acceleration", "closed form; scipy's Riccati solver",
-                       matrices="1e-6", variance="1e-8 (relative)")  # fmt: skip
+@pytest.mark.validates("Model of a correlated acceleration, by its correlation time",
+                       "closed form; scipy's Riccati solver", matrices="1e-6",
+                       variance="1e-8 (relative)")  # fmt: skip
 def test_limits_of_the_model(result: Result, within: Within) -> None:
     for i, tau in enumerate(result["/limit/correlation_time"]):
         x = PERIOD / tau

@@ -129,17 +129,13 @@ ARM = (2.0, 0.5, -1.0)
 TURN = ("duration_s=30", "receiver.rate_hz=10", "filter.velocity=true")
 WELL_ALIGNED = Case("landing", LANDING, attitude_deg=0.5, drift_deg_h=50.0)
 """A sum of Gaussians has one component, and charts are alike."""
-JUDGE = "an error-state filter in ECEF axes after Groves (2013), in numpy, its noise by intervals"
+JUDGE = "another error-state filter in ECEF axes after Groves (2013), in numpy"
 WHAT = "of a sigma, all states at all outputs"
 
 
 @pytest.mark.validates(
     "Sigma and estimates of `eskf`, from fixes and from ranges, with `filter.steady_force` and without it",
-    JUDGE,
-    WHAT,
-    sigma="1e-3",
-    estimate="5e-3",
-)
+    JUDGE, WHAT, sigma="1e-3", estimate="5e-3")  # fmt: skip
 @pytest.mark.parametrize(
     ("flight", "coupling", "steady"),
     in_brief(
@@ -161,13 +157,8 @@ def test_one_gaussian(flight: Case, coupling: str, steady: bool, within: Within)
     assert np.abs(judged.apart).max() < within["estimate"]
 
 
-@pytest.mark.validates(
-    "Sigma and estimates of `gaussian-sum` where one Gaussian is enough, with `filter.steady_force`",
-    JUDGE,
-    WHAT,
-    sigma="1e-2",
-    estimate="5e-2",
-)
+@pytest.mark.validates("Sigma and estimates of `gaussian-sum` where one Gaussian is enough, with `filter.steady_force`",
+                       JUDGE, WHAT, sigma="1e-2", estimate="5e-2")  # fmt: skip
 @pytest.mark.parametrize("coupling", in_brief(["loose", "tight"], 1))
 def test_one_gaussian_is_enough(coupling: str, within: Within) -> None:
     judged = Evaluated(WELL_ALIGNED, "gaussian-sum", True, coupling)

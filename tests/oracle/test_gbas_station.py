@@ -59,7 +59,8 @@ def errors_of_receivers(c: Case) -> np.ndarray:
     return out
 
 
-@pytest.mark.validates("ground accuracy designators", "ICAO Annex 10, tables B-74 and B-75", sigma="1e-12 m")
+@pytest.mark.validates("Sigma of GBAS ground accuracy designators", "ICAO Annex 10, tables B-74 and B-75",
+                       sigma="1e-12 m")  # fmt: skip
 def test_the_tables_of_ground_accuracy(within: Within) -> None:
     """Means of M receivers with what they have in common; below 5 degrees as at 5."""
     angle = np.radians([[0.0, 20.0, 35.0, 35.01, 90.0]])
@@ -103,9 +104,8 @@ def test_drawn_errors_have_the_sizes_of_the_tables() -> None:
     assert np.abs(both).max() < 4.5 / math.sqrt(len(runs))
 
 
-@pytest.mark.validates(
-    "GBAS levels by drawn B values, D_L and D_V", "plain numpy, normal equations and recursions", levels="1e-9 m"
-)
+@pytest.mark.validates("GBAS levels by random B values, D_L and D_V", "plain numpy, normal equations and recursions",
+                       levels="1e-9 m")  # fmt: skip
 def test_levels_of_runs(within: Within) -> None:
     """H0 and H1 with the drawn B values, and the difference of two smoothings, epoch by epoch."""
     c = served()

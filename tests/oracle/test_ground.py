@@ -22,10 +22,8 @@ BLOCKS = (
 ESTIMATES = np.array([1e-3, -2e-3, 3e-3, 0.1, -0.2, 0.05, 0.02, 0.03, -0.04, 0.4, -0.3, 0.2, 0.05])
 
 
-@pytest.mark.validates(
-    "headings, velocities along the axes of a vehicle, gyros at rest, and their derivatives", "complex steps in numpy",
-    value="1e-14", slopes="1e-9 (relative)",
-)  # fmt: skip
+@pytest.mark.validates("Measurement models of heading, wheels and rest, and their derivatives",
+                       "complex steps in numpy", every_value="1e-14", derivatives="1e-9 (relative)")  # fmt: skip
 def test_vehicle(within: Within) -> None:
     """At an attitude far from level; estimates of all states differ from zero, and the axes are mounted askew."""
     c_nb, mounted, arm = rotation(0.2, -0.1, 0.4), rotation(0.3, 0.1, -0.6), np.array([1.0, -0.5, 0.3])
@@ -56,9 +54,9 @@ def test_vehicle(within: Within) -> None:
     for kind in (HEADING, VEHICLE_VELOCITY, REST_RATE):
         have, z, h, r = np.zeros(6), np.zeros(6), np.zeros((6, n)), np.zeros((6, 6))
         m = observe(kind, 0, tables, nav, increments, 0.01, declared(BLOCKS), np.zeros((3, 3)), have, z, h, r)
-        np.testing.assert_allclose(-z[:m], exact(kind, np.zeros(n)), rtol=0.0, atol=within["value"])
+        np.testing.assert_allclose(-z[:m], exact(kind, np.zeros(n)), rtol=0.0, atol=within["every_value"])
         found = np.array([exact(kind, step).imag for step in 1e-30j * np.eye(n)]).T / 1e-30
-        assert np.abs(h[:m] - found).max() < within["slopes"] * np.abs(found).max()
+        assert np.abs(h[:m] - found).max() < within["derivatives"] * np.abs(found).max()
         np.testing.assert_array_equal(r[:m, :m], 0.04 * np.eye(m))
 
 

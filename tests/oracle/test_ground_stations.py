@@ -35,10 +35,9 @@ def quaternion(c: np.ndarray) -> np.ndarray:
     return np.array([w, *((c[[2, 0, 1], [1, 2, 0]] - c[[1, 2, 0], [2, 0, 1]]) / (4.0 * w))])
 
 
-@pytest.mark.validates(
-    "angles and ranges of ground stations, and their derivatives", "pymap3d; complex steps in numpy",
-    angle="1e-9 rad", range="1e-6 m", slopes="1e-9 (relative)",
-)  # fmt: skip
+@pytest.mark.validates("Angles and ranges of ground stations, and their derivatives",
+                       "pymap3d; complex steps in numpy", angle="1e-9 rad", range="1e-6 m",
+                       derivatives="1e-9 (relative)")  # fmt: skip
 def test_stations(within: Within) -> None:
     """One point of the approach, off the centre line, at an attitude far from level."""
     lever = f"lever_arm_m: [{', '.join(map(str, ARM))}]"
@@ -89,7 +88,7 @@ def test_stations(within: Within) -> None:
         steps = 1e-30j * np.eye(3)
         found = np.array([exact(s, none).imag for s in steps] + [exact(none, s).imag for s in steps]) / 1e-30
         mine = np.concatenate([h[0, states.POS : states.VEL], h[0, states.ATT : states.ATT + 3]])
-        assert np.abs(mine - found).max() < within["slopes"] * np.abs(found).max()
+        assert np.abs(mine - found).max() < within["derivatives"] * np.abs(found).max()
         own = [1.0 if one["triad"] == kind else 0.0 for one in declared]
         np.testing.assert_array_equal(h[0, states.SENSORS :], own)
         assert not h[0, states.VEL : states.ATT].any()

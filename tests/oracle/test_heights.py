@@ -31,7 +31,7 @@ def oracle(name: str) -> dict[str, Any]:
     return json.loads((DATA / "heights.json").read_text())[name]
 
 
-@pytest.mark.validates("static pressure up to 11 km", "ISO 2533, the standard atmosphere", pressure="0.02 Pa")
+@pytest.mark.validates("Static pressure up to 11 km", "ISO 2533, the standard atmosphere", pressure="0.02 Pa")
 def test_standard_atmosphere(within: Within) -> None:
     given = oracle("isa")
     heights = np.array(given["h_m"], float)
@@ -41,7 +41,8 @@ def test_standard_atmosphere(within: Within) -> None:
     assert abs(barometer.SLOPE - given["m_per_hpa_sea_level"]) < 1e-3
 
 
-@pytest.mark.validates("heights shown over a cold aerodrome", "true = shown T / T_ISA", height="0.01 m")
+@pytest.mark.validates("Barometric height over a cold aerodrome", "formula: true height = shown height × T / T_ISA",
+                       height="0.01 m")  # fmt: skip
 def test_cold_air(within: Within) -> None:
     given = oracle("isa")["cold"]
     cold = barometer.AirColumn(0.0, given["surface_c"] + 273.15 - 288.15)
@@ -176,7 +177,7 @@ def test_runways_above_sea_level() -> None:
     assert sea.scenario.runway.elevation_m == 185.0
 
 
-@pytest.mark.validates("undulations of the geoid", "NGA's test points of EGM96", height="0.05 m")
+@pytest.mark.validates("Undulations of the geoid", "NGA's test points of EGM96", height="0.05 m")
 def test_undulations(within: Within) -> None:
     if not HAS_GRID:
         pytest.skip("the extra `geoid` (egm96, Python 3.12) is not installed")

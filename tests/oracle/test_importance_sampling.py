@@ -11,10 +11,9 @@ from navsim.simulation.importance_sampling import proposal
 from tests.conftest import Within
 
 
-@pytest.mark.validates(
-    "probability of leaving a box by importance sampling, linear errors", "normal distribution (scipy)",
-    "at 1e-3, 1e-5, 1e-7 (standard errors)", errors="3",
-)  # fmt: skip
+@pytest.mark.validates("Probability of leaving a box by importance sampling, linear errors",
+                       "normal distribution (scipy)", "standard errors, at 1e-3, 1e-5 and 1e-7",
+                       difference="3")  # fmt: skip
 @pytest.mark.parametrize("chance", [1e-3, 1e-5, 1e-7])
 def test_probability_of_a_box(chance: float, within: Within) -> None:
     """Two independent errors with means, limited to both sides, the less likely one to one side."""
@@ -31,5 +30,5 @@ def test_probability_of_a_box(chance: float, within: Within) -> None:
     (found, low, high), relative, _ = weighted_share(mix.log_weights(off), outside, mix.most_weight, mix.most_weight)
     truth = 1.0 - inside
     assert relative < 0.02
-    assert abs(found - truth) < within["errors"] * relative * truth
+    assert abs(found - truth) < within["difference"] * relative * truth
     assert low < truth < high

@@ -51,14 +51,8 @@ def raim(cases: dict[str, Any], p_fa: float | None = None) -> Monitor:
 
 
 @pytest.mark.parametrize("number", range(4))
-@pytest.mark.validates(
-    "solution separation (ARAIM), drawn skies",
-    "sidereon 3.0.4",
-    "(relative)",
-    modes="1e-7",
-    levels="0.071 m",
-    unmonitored="3e-4",
-)
+@pytest.mark.validates("ARAIM protection levels and fault modes under random skies", "sidereon 3.0.4", "(relative)",
+                       fault_modes="1e-7", levels="0.071 m", unmonitored_probability="3e-4")  # fmt: skip
 def test_separation_of_another_program(number: int, within: Within) -> None:
     """Skies of one and two systems, sigmas, bounds and priors of their own for each satellite. Its levels are as near
     as it wants them, 0.05 m along each axis."""
@@ -72,8 +66,8 @@ def test_separation_of_another_program(number: int, within: Within) -> None:
         rows, np.ones((1, count), bool), Independent(bounding), Independent(case["sigma_ratio_acc"] * bounding),
         np.array(case["b_nom_m"])[None], faults, lpv(),
     )  # fmt: skip
-    assert found.unmonitored[0] == pytest.approx(expected["p_unmonitored"], rel=within["unmonitored"])
-    close: dict[str, Any] = {"rtol": within["modes"]}
+    assert found.unmonitored[0] == pytest.approx(expected["p_unmonitored"], rel=within["unmonitored_probability"])
+    close: dict[str, Any] = {"rtol": within["fault_modes"]}
     for mode in expected["modes"][1:]:  # the first is that nothing is wrong
         k = count + "GE".index(mode["constellation"]) if mode["constellation"] else int(mode["excluded"][0][1:]) - 1
         assert faults[k].prior == mode["prior"]
@@ -82,31 +76,30 @@ def test_separation_of_another_program(number: int, within: Within) -> None:
             np.testing.assert_allclose(found.spread.separate_sigma[k, 0], mode["sigma"], **close)
             np.testing.assert_allclose(found.spread.separate_bias[k, 0], mode["bias"], **close)
             np.testing.assert_allclose(found.threshold[k, 0], mode["threshold"], **close)
-    assert found.accuracy[0, UP] == pytest.approx(expected["sigma_acc_v"], rel=within["modes"])
-    assert found.emt[0] == pytest.approx(expected["emt"], rel=within["modes"])
+    assert found.accuracy[0, UP] == pytest.approx(expected["sigma_acc_v"], rel=within["fault_modes"])
+    assert found.emt[0] == pytest.approx(expected["emt"], rel=within["fault_modes"])
     ours = [found.horizontal[0], found.vertical[0]]
     assert ours == pytest.approx([expected["hpl"], expected["vpl"]], abs=within["levels"])
 
 
-@pytest.mark.validates(
-    "square root of the chi-square threshold", "L3NAV (Brown & Chin 1994)", printed="5e-4", computed="1e-8"
-)
+@pytest.mark.validates("Square root of the chi-square threshold", "L3NAV (Brown & Chin 1994)", printed_values="5e-4",
+                       computed_values="1e-8")  # fmt: skip
 def test_thresholds(cases: dict[str, Any], within: Within) -> None:
     entry = cases["chi2_threshold_sqrt"]
     for case in entry["cases"]:
         ours = [math.sqrt(chi_square.exceeded(case["p_fa"], n)) for n in case["dof"]]
-        np.testing.assert_allclose(ours, case["published"], rtol=0, atol=within["printed"])
-        np.testing.assert_allclose(ours, case["expected"], rtol=0, atol=within["computed"])
+        np.testing.assert_allclose(ours, case["published"], rtol=0, atol=within["printed_values"])
+        np.testing.assert_allclose(ours, case["expected"], rtol=0, atol=within["computed_values"])
 
 
-@pytest.mark.validates("chi-square thresholds at 1e-3", "RTKLIB, table of pntpos", printed="0.051")
+@pytest.mark.validates("Chi-square thresholds at 1e-3", "RTKLIB, table of pntpos", printed_values="0.051")
 def test_table_of_rtklib(cases: dict[str, Any], within: Within) -> None:
     entry = cases["chi2_table_rtklib"]
     ours = [chi_square.exceeded(1e-3, n) for n in entry["dof"]]
-    np.testing.assert_allclose(ours, entry["published"], rtol=0, atol=within["printed"])
+    np.testing.assert_allclose(ours, entry["published"], rtol=0, atol=within["printed_values"])
 
 
-@pytest.mark.validates("range bias that the residual test misses", "SciPy ncx2 (kshana), quadrature", bias="1e-6")
+@pytest.mark.validates("Range bias that the residual test misses", "SciPy ncx2 (kshana), quadrature", bias="1e-6")
 def test_missed_bias(cases: dict[str, Any], within: Within) -> None:
     entry = cases["pbias"]
     for spot in entry["spot"]:
@@ -117,17 +110,16 @@ def test_missed_bias(cases: dict[str, Any], within: Within) -> None:
         np.testing.assert_allclose(ChiSquareTest(p_fa, p_md).bias(np.arange(1, 13)), row, rtol=0, atol=within["bias"])
 
 
-@pytest.mark.validates(
-    "noncentrality of Baarda's reliability", "Baarda 1968, Teunissen 2024", computed="1e-9", printed="5e-4"
-)
+@pytest.mark.validates("Noncentrality of Baarda's reliability", "Baarda 1968, Teunissen 2024", computed_values="1e-9",
+                       printed_values="5e-4")  # fmt: skip
 def test_baarda(cases: dict[str, Any], within: Within) -> None:
     """His test is of one range, two-sided; what is missed on the far side does not count."""
     entry = cases["baarda_noncentrality"]
     root = -normal.quantile(0.5 * entry["alpha"]) - normal.quantile(entry["beta"])
-    assert root == pytest.approx(entry["delta0"], abs=within["computed"])
-    assert root**2 == pytest.approx(entry["published"]["lambda0"], abs=within["printed"])
+    assert root == pytest.approx(entry["delta0"], abs=within["computed_values"])
+    assert root**2 == pytest.approx(entry["published"]["lambda0"], abs=within["printed_values"])
     ours = chi_square.noncentrality(chi_square.exceeded(entry["alpha"], 1), 1, entry["beta"])
-    assert ours == pytest.approx(entry["lambda0"], abs=within["printed"])
+    assert ours == pytest.approx(entry["lambda0"], abs=within["printed_values"])
 
 
 def left_of(monitor: Monitor, errors: np.ndarray) -> np.ndarray:
@@ -136,17 +128,14 @@ def left_of(monitor: Monitor, errors: np.ndarray) -> np.ndarray:
     return monitor.solution.residuals(errors) * monitor.solution.noise.sigma[..., None]
 
 
-@pytest.mark.validates(
-    "RAIM of 6 satellites and 2 pseudolites",
-    "sidereon 3.0.4 (reliability); independent script",
-    "(relative)",
-    numbers="1e-8",
-)
+@pytest.mark.validates("RAIM of 6 satellites and 2 pseudolites: test statistic, slopes, levels",
+                       "sidereon 3.0.4 (reliability); independent script", "(relative)",
+                       every_number="1e-8")  # fmt: skip
 def test_weighted_raim(cases: dict[str, Any], within: Within) -> None:
     entry = cases[CASE]
     monitor, expected = raim(cases), entry["expected"]
     solution = monitor.solution
-    close = {"rtol": within["numbers"], "atol": 1e-12}
+    close = {"rtol": within["every_number"], "atol": 1e-12}
     assert solution.degrees[0] == expected["dof"]
     np.testing.assert_allclose(solution.redundancy[0], expected["redundancy"], **close)
     np.testing.assert_allclose(monitor.test.threshold(solution.degrees), expected["threshold2"], **close)
@@ -163,14 +152,15 @@ def test_weighted_raim(cases: dict[str, Any], within: Within) -> None:
     both = np.stack([errors, biased], axis=1)[None]
     np.testing.assert_allclose((solution.estimator @ both)[0, :, 0], expected["x"][:3], **close)
     assert monitor.statistic(left_of(monitor, both))[0] == pytest.approx(
-        [expected["wsse"], entry["expected_biased"]["wsse"]], rel=within["numbers"]
+        [expected["wsse"], entry["expected_biased"]["wsse"]], rel=within["every_number"]
     )
     np.testing.assert_allclose(monitor.each(both)[0, :, 0], expected["w_test"], **close)
     np.testing.assert_allclose(monitor.each(both)[0, :, 1], entry["expected_biased"]["w_test"], **close)
     assert np.abs(monitor.each(both)[0, :, 1]).argmax() == entry["expected_biased"]["largest"]
 
 
-@pytest.mark.validates("exclusion of a biased range", "independent script (w tests)", "(relative)", numbers="1e-8")
+@pytest.mark.validates("Choice of the range that RAIM excludes", "independent script (w tests)", "(relative)",
+                       every_number="1e-8")  # fmt: skip
 def test_exclusion(cases: dict[str, Any], within: Within) -> None:
     """Without a range the square of the residuals is smaller by that of its w. 25 m on one of them: the largest is its
     own, but the rest passes without another one, too, so nothing is excluded; by the RMS it is. From 60 m on it is."""
@@ -186,7 +176,7 @@ def test_exclusion(cases: dict[str, Any], within: Within) -> None:
         rest = Monitor(solve(rows, kept, monitor.solution.noise), monitor.test)
         residual = left_of(rest, errors[None])
         statistic = rest.statistic(residual)
-        assert statistic[0, 0] == pytest.approx(seen["wsse"] - seen["w_test"][i] ** 2, rel=within["numbers"])
+        assert statistic[0, 0] == pytest.approx(seen["wsse"] - seen["w_test"][i] ** 2, rel=within["every_number"])
         passes[i] = statistic <= rest.threshold[:, None]
         rms[i] = np.sqrt((residual**2).sum(axis=1) / 7)
     inside = contained(np.eye(8, dtype=bool), np.ones((1, 8), bool))
@@ -205,9 +195,8 @@ def lpv(p_unmonitored: float = 8e-8) -> Allocation:
 
 
 @pytest.mark.parametrize("name", ["two_rings", "two_rings_with_ground"])
-@pytest.mark.validates(
-    "RAIM and separation levels of two rings of sources", "closed form", "(m, no unit)", numbers="1e-7"
-)
+@pytest.mark.validates("RAIM and ARAIM levels of two rings of sources", "closed form", "m, or without unit",
+                       every_number="1e-7")  # fmt: skip
 def test_two_rings(name: str, cases: dict[str, Any], within: Within) -> None:
     given, expected = cases[name]["inputs"], cases[name]["expected"]
     places = ring(given["n1"], given["elevation1_deg"], given["azimuth1_first_deg"]) + ring(
@@ -217,11 +206,11 @@ def test_two_rings(name: str, cases: dict[str, Any], within: Within) -> None:
     rows, used = rows_towards(places), np.ones((1, count), bool)
     noise = Independent(np.full((1, count), given["sigma_m"]))
     monitor = Monitor(solve(rows, used, noise), ChiSquareTest(given["p_fa"], given["p_md"]))
-    near = {"rtol": 0, "atol": within["numbers"]}
+    near = {"rtol": 0, "atol": within["every_number"]}
     np.testing.assert_allclose(monitor.levels[0], [expected["hpl_slope"], expected["vpl_slope"]], **near)
     for which, at in (("1", 0), ("2", given["n1"])):
         assert monitor.solution.redundancy[0, at] == pytest.approx(
-            expected[f"redundancy_{which}"], abs=within["numbers"]
+            expected[f"redundancy_{which}"], abs=within["every_number"]
         )
         slopes = [expected[f"slope_{axis}_{which}"] for axis in "hv"]
         np.testing.assert_allclose(monitor.slopes[0, at], slopes, **near)
@@ -229,16 +218,11 @@ def test_two_rings(name: str, cases: dict[str, Any], within: Within) -> None:
     faults = [Fault((i,), wanted["p_sat"]) for i in range(count)]
     found = levels(rows, used, noise, noise, np.zeros((1, count)), faults, lpv(), unlisted=0.0)
     np.testing.assert_allclose(found.level[0], [wanted["pl_e"], wanted["pl_n"], wanted["vpl"]], **near)
-    assert found.horizontal[0] == pytest.approx(wanted["hpl"], abs=within["numbers"])
+    assert found.horizontal[0] == pytest.approx(wanted["hpl"], abs=within["every_number"])
 
 
-@pytest.mark.validates(
-    "solution separation (ARAIM)",
-    "ADD v3.0, appendix D",
-    printed_sigma="5e-5 m",
-    printed_level="0.1 m",
-    computed="2e-4 m",
-)
+@pytest.mark.validates("ARAIM protection levels of a published example", "ADD v3.0, appendix D",
+                       printed_sigma="5e-5 m", printed_level="0.1 m", computed_values="2e-4 m")  # fmt: skip
 def test_worked_example_of_araim(cases: dict[str, Any], within: Within) -> None:
     entry = cases["araim_add_v3_appendix_d"]
     given, expected, published = entry["inputs"], entry["expected"], entry["published"]
@@ -259,11 +243,13 @@ def test_worked_example_of_araim(cases: dict[str, Any], within: Within) -> None:
             expected["constellation_modes"], published["constellation_modes"], strict=True)
     ):  # fmt: skip
         names = ("sigma_u", "sigma_ss_u", "bias_u")
-        np.testing.assert_allclose(ours, [wanted[n] for n in names], rtol=0, atol=within["computed"], err_msg=str(i))
+        np.testing.assert_allclose(
+            ours, [wanted[n] for n in names], rtol=0, atol=within["computed_values"], err_msg=str(i)
+        )
         np.testing.assert_allclose(ours, [printed[n] for n in names], rtol=0, atol=within["printed_sigma"])
     ours = [found.vertical[0], found.horizontal[0], *found.level[0, :2], found.emt[0], found.accuracy[0, UP]]
     wanted = [expected[n] for n in ("vpl", "hpl", "pl_e", "pl_n", "emt", "sigma_v_acc")]
-    np.testing.assert_allclose(ours, wanted, rtol=0, atol=within["computed"])
+    np.testing.assert_allclose(ours, wanted, rtol=0, atol=within["computed_values"])
     assert [found.vertical[0], found.emt[0]] == pytest.approx(
         [published["vpl"], published["emt"]], abs=within["printed_level"]
     )
@@ -283,9 +269,8 @@ def separated(cases: dict[str, Any], satellites: int, pseudolites: int, ground: 
     return levels(rows, np.ones((1, len(kept)), bool), noise, accuracy, nominal, faults, lpv(), unlisted=0.0)
 
 
-@pytest.mark.validates(
-    "separation levels with pseudolites and their group", "independent script, dense matrices", levels="1e-6 m"
-)
+@pytest.mark.validates("ARAIM levels with pseudolites that may fail together", "independent script, dense matrices",
+                       levels="1e-6 m")  # fmt: skip
 def test_pseudolites_in_separation(cases: dict[str, Any], within: Within) -> None:
     entry = cases["mhss_6_satellites_2_pseudolites"]
     ground = entry["inputs"]["p_ground_group"]
@@ -301,9 +286,7 @@ def test_pseudolites_in_separation(cases: dict[str, Any], within: Within) -> Non
         np.testing.assert_allclose(ours, expected, rtol=0, atol=within["levels"], err_msg=name)
 
 
-@pytest.mark.validates(
-    "separation where few satellites are left", "independent script, dense matrices", levels="1e-5 m"
-)
+@pytest.mark.validates("ARAIM levels if few satellites remain", "independent script, dense matrices", levels="1e-5 m")
 def test_few_satellites(cases: dict[str, Any], within: Within) -> None:
     for name, wanted in cases["mhss_few_satellites"]["expected"].items():
         satellites, ground = int(name.split()[0]), float(name.split()[-1])
@@ -318,9 +301,8 @@ def test_few_satellites(cases: dict[str, Any], within: Within) -> None:
             assert np.isnan([found.horizontal[0], found.vertical[0]]).all()
 
 
-@pytest.mark.validates(
-    "risk of a biased range under the chi-square test", "closed form, quadrature", "(relative)", risk="1e-6"
-)
+@pytest.mark.validates("Risk of a biased range under the chi-square test", "closed form, quadrature", "(relative)",
+                       risk="1e-6")  # fmt: skip
 def test_exact_risk(cases: dict[str, Any], within: Within) -> None:
     monitor, entry = raim(cases, 1e-5), cases["integrity_risk_exact"]
     source, expected = entry["inputs"]["fault_index"], entry["expected"]
@@ -342,9 +324,8 @@ def test_exact_risk(cases: dict[str, Any], within: Within) -> None:
     assert max(risk(bias, limit) for bias in np.linspace(20, 60, 4001)) == pytest.approx(1e-7, rel=1e-4)
 
 
-@pytest.mark.validates(
-    "risk of a biased range under one separation test", "closed form, counted at 25 m", "(relative)", risk="1e-5"
-)
+@pytest.mark.validates("Risk of a biased range under one ARAIM test", "closed form, counted at 25 m", "(relative)",
+                       risk="1e-5")  # fmt: skip
 def test_risk_under_a_separation_test(cases: dict[str, Any], within: Within) -> None:
     entry, solution = cases["integrity_risk_separation_one_mode"], raim(cases).solution
     source = entry["inputs"]["fault_index"]
@@ -360,7 +341,7 @@ def test_risk_under_a_separation_test(cases: dict[str, Any], within: Within) -> 
             assert ours == pytest.approx(row[name], rel=within["risk"]), name
 
 
-@pytest.mark.validates("residuals under spoofed satellites", "closed form", "(relative)", numbers="1e-6")
+@pytest.mark.validates("Residuals of spoofed satellites", "closed form", "(relative)", every_number="1e-6")
 def test_spoofed_satellites(cases: dict[str, Any], within: Within) -> None:
     entry, monitor = cases["spoofing_snapshot"], raim(cases)
     rows = rows_towards(cases[CASE]["inputs"]["azimuth_elevation_deg"])[0]
@@ -370,11 +351,11 @@ def test_spoofed_satellites(cases: dict[str, Any], within: Within) -> None:
         by = float(size) * np.array([what == "east", what == "north", what == "up", what == "clock"])
         fault = np.where(np.arange(8) < 6, rows @ by, 0.0)[None, :, None]
         seen = monitor.statistic(left_of(monitor, fault))[0, 0]
-        assert seen == pytest.approx(case["lam"], rel=within["numbers"])
+        assert seen == pytest.approx(case["lam"], rel=within["every_number"])
         told = 1.0 - chi_square.probability_below(threshold, 4, seen)
-        assert told == pytest.approx(case["p_detect"], rel=within["numbers"])
+        assert told == pytest.approx(case["p_detect"], rel=within["every_number"])
         moved = (monitor.solution.estimator @ fault)[0, :, 0]
-        np.testing.assert_allclose(moved, case["position_error_enu"], rtol=within["numbers"])
+        np.testing.assert_allclose(moved, case["position_error_enu"], rtol=within["every_number"])
     everything = (rows @ np.array([30.0, -10.0, 20.0, 5.0]))[None, :, None]
     assert monitor.statistic(left_of(monitor, everything))[0, 0] == pytest.approx(0.0, abs=1e-18)
 
@@ -387,15 +368,15 @@ def test_sbas(cases: dict[str, Any], within: Within) -> None:
         assert sbas_gbas.sbas(solution)[0] == pytest.approx([case["hpl"], case["vpl"]], abs=within["levels"])
 
 
-@pytest.mark.validates("GBAS factors", "ICAO Annex 10", printed="6e-4")
+@pytest.mark.validates("Factors K of GBAS protection levels", "ICAO Annex 10", printed_values="6e-4")
 def test_gbas_factors(cases: dict[str, Any], within: Within) -> None:
     for case in cases["gbas_k_factors"]["cases"]:
         printed = (case["k_ffmd_published"], case["k_md_published"])
-        assert sbas_gbas.gbas_factors(case["m"]) == pytest.approx(printed, abs=within["printed"])
+        assert sbas_gbas.gbas_factors(case["m"]) == pytest.approx(printed, abs=within["printed_values"])
         assert sbas_gbas.gbas_factors(case["m"]) == pytest.approx((case["k_ffmd"], case["k_md"]), abs=1e-9)
 
 
-@pytest.mark.validates("growth of GBAS alert limits", "ICAO Annex 10, tables B-68 and B-69", limits="0.01 m")
+@pytest.mark.validates("Growth of GBAS alert limits", "ICAO Annex 10, tables B-68 and B-69", limits="0.01 m")
 def test_growth_of_limits(within: Within) -> None:
     """Lateral limits of 40, 40, 51 and 69.15 m where FASLAL is 40, vertical ones of 10, 10, 30.2 and 43.35 m."""
     distance, feet = np.array([0.0, 873.0, 3375.0, 9000.0]), np.array([150.0, 200.0, 890.6, 2000.0])
@@ -424,7 +405,8 @@ def test_gbas(cases: dict[str, Any], within: Within) -> None:
     assert found[1] == pytest.approx([expected["vpl_h0"], expected["vpl_h1"]], abs=within["levels"])
 
 
-@pytest.mark.validates("numbers of sources for detection and exclusion", "ranks", cells="0")
+@pytest.mark.validates("Number of sources that detection and exclusion need", "ranks of matrices (numpy)",
+                       each_cell="0")  # fmt: skip
 def test_table_of_sources(cases: dict[str, Any], within: Within) -> None:
     wrong = 0
     for system, cells in cases["sources_table"]["rows"].items():
@@ -433,7 +415,7 @@ def test_table_of_sources(cases: dict[str, Any], within: Within) -> None:
             clocks = tuple(i % 2 if system == "two_systems" else 0 for i in range(satellites))
             ground = (7 if system == "pseudolites_own_shared_clock" else 0,) * pseudolites
             wrong += str(possible(clocks, ground)) != wanted.ljust(4, "-")
-    assert wrong <= within["cells"]
+    assert wrong <= within["each_cell"]
 
 
 def test_covariance_is_that_of_the_geometry() -> None:
@@ -479,7 +461,7 @@ def test_correlated_ranges_are_whitened() -> None:
         np.testing.assert_allclose(found.visibility[e][there], np.diag(m), rtol=1e-6, atol=1e-10)
 
 
-@pytest.mark.validates("regions of a Stanford diagram", "Stanford-ESA diagram")
+@pytest.mark.validates("Regions of the Stanford diagram", "Stanford-ESA diagram")
 def test_regions(cases: dict[str, Any]) -> None:
     for point in cases["stanford"]["points"]:
         limit, level, error = (float(point[name]) for name in ("al", "pl", "error"))
@@ -489,7 +471,7 @@ def test_regions(cases: dict[str, Any]) -> None:
         assert REGIONS[found[0, 0, 0]].replace("_", "-") == point["region"]
 
 
-@pytest.mark.validates("alert limits of operations", "ICAO Annex 10; doi:10.1186/s43020-020-00010-2; DO-245A")
+@pytest.mark.validates("Alert limits of operations", "ICAO Annex 10; doi:10.1186/s43020-020-00010-2; DO-245A")
 def test_alert_limits(cases: dict[str, Any]) -> None:
     """Of CAT I the smaller end; times to alert were not read in the documents, and are the user's to give."""
     rows = {row["name"].removeprefix("GBAS-GSL-"): row for row in cases["alert_limits"]["rows"]}
@@ -500,17 +482,18 @@ def test_alert_limits(cases: dict[str, Any]) -> None:
     assert LimitsSection.model_fields["tta_s"].is_required()
 
 
-@pytest.mark.validates("Slow ramp behind a filter, by its innovations", "closed form", steady="1e-8")
+@pytest.mark.validates("Innovations of a filter that follows a slow ramp, and the chance to detect it", "closed form",
+                       every_number="1e-8")  # fmt: skip
 def test_ramp_behind_a_filter(cases: dict[str, Any], within: Within) -> None:
     given, expected = (cases["innovation_ramp"][part] for part in ("inputs", "expected"))
     walk = SteadyWalk.of(given["q"], given["r"])
     slope = given["ramp_per_epoch"]
     found = (walk.p, walk.gain, walk.s, slope / walk.gain, walk.noncentrality(slope))
     names = ("p_minus", "gain", "innovation_variance", "steady_innovation", "lambda_per_epoch")
-    np.testing.assert_allclose(found, [expected[name] for name in names], rtol=0, atol=within["steady"])
+    np.testing.assert_allclose(found, [expected[name] for name in names], rtol=0, atol=within["every_number"])
     window = given["window"]
     chance = detection(window, window * walk.noncentrality(slope), given["p_fa"])
-    assert chance == pytest.approx(expected["detection_probability"], abs=within["steady"])
+    assert chance == pytest.approx(expected["detection_probability"], abs=within["every_number"])
 
 
 def test_sums_of_innovations_detect_a_ramp_as_often_as_expected(cases: dict[str, Any]) -> None:

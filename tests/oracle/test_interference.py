@@ -46,9 +46,8 @@ def quality(waveform: spectral_separation.Waveform) -> float:
     return 1.0 / (RATE * float(waveform.kappa(bpsk(RATE), np.array(GPS.carrier), None)))
 
 
-@pytest.mark.validates(
-    "budgets of jammers, J/S and effective C/N0", "Kaplan & Hegarty, independent script", level="1e-9 dB"
-)
+@pytest.mark.validates("Jammer power at the receiver, J/S and effective C/N0", "Kaplan & Hegarty, independent script",
+                       level="1e-9 dB")  # fmt: skip
 def test_link_budgets(cases: dict[str, Any], within: Within) -> None:
     rows = cases["js_to_cn0"]["cases"]
     assert len(rows) == 8
@@ -66,30 +65,28 @@ def test_link_budgets(cases: dict[str, Any], within: Within) -> None:
         np.testing.assert_allclose(ours, expected, rtol=0, atol=within["level"], err_msg=row["name"])
 
 
-@pytest.mark.validates(
-    "spectral separation and Q of jammers", "Betz 2001; independent script", computed="1e-6 dB", printed="0.1 dB"
-)
+@pytest.mark.validates("Spectral separation and Q of jammers", "Betz 2001; independent script",
+                       computed_values="1e-6 dB", printed_values="0.1 dB")  # fmt: skip
 def test_spectral_separation(cases: dict[str, Any], within: Within) -> None:
     entry = cases["spectral_separation"]
     wanted, published = entry["kappa_db_per_hz"], entry["published"]
     for name, expected in wanted.items():
         one, other = name.split("_")
         ours = decibels(spectral_separation.separation(SPECTRA[one], SPECTRA[other], np.array(0.0)))
-        assert ours == pytest.approx(expected, abs=within["computed"]), name
-        assert ours == pytest.approx(published.get(name, expected), abs=within["printed"]), name
+        assert ours == pytest.approx(expected, abs=within["computed_values"]), name
+        assert ours == pytest.approx(published.get(name, expected), abs=within["printed_values"]), name
     waveforms = {
         "tone_at_carrier": Tone(GPS.carrier),
         "matched_bpsk": Modulated(bpsk(RATE), GPS.carrier),
         "white_null_to_null": Flat(GPS.carrier, 2.0 * RATE),
     }
     ours = decibels([quality(waveforms[name]) for name in entry["q"]])
-    np.testing.assert_allclose(ours, decibels([*entry["q"].values()]), rtol=0, atol=within["computed"])
-    np.testing.assert_allclose(ours, decibels(published["q"]), rtol=0, atol=within["printed"])
+    np.testing.assert_allclose(ours, decibels([*entry["q"].values()]), rtol=0, atol=within["computed_values"])
+    np.testing.assert_allclose(ours, decibels(published["q"]), rtol=0, atol=within["printed_values"])
 
 
-@pytest.mark.validates(
-    "thresholds of phase and code loops", "Kaplan & Hegarty 8.9, independent script", level="1e-6 dB"
-)
+@pytest.mark.validates("Tracking thresholds of phase and code loops", "Kaplan & Hegarty 8.9, independent script",
+                       level="1e-6 dB")  # fmt: skip
 def test_thresholds_of_loops(cases: dict[str, Any], within: Within) -> None:
     entry = cases["tracking_thresholds"]
     for row in entry["dll_one_sixth_of_spacing"]:
@@ -102,14 +99,13 @@ def test_thresholds_of_loops(cases: dict[str, Any], within: Within) -> None:
         assert left.item() == pytest.approx(row["threshold_db"], abs=within["level"])
 
 
-@pytest.mark.validates(
-    "pulsed pseudolites", "RTCM SC-104, Gold codes of 10 stages", "(dB, no unit, chips)", numbers="1e-9"
-)
+@pytest.mark.validates("Effect of pulsed pseudolites on receivers", "RTCM SC-104, Gold codes of 10 stages",
+                       "dB, chips, or without unit", every_number="1e-9")  # fmt: skip
 def test_pulsed_pseudolite(cases: dict[str, Any], within: Within) -> None:
     entry = cases["pulsed_pseudolite"]
     duty = propagation.RTCM_DUTY
-    assert duty == pytest.approx(entry["duty"], abs=within["numbers"])
-    assert duty * 1023 == pytest.approx(entry["rtcm_chips_per_ms"], abs=within["numbers"])
+    assert duty == pytest.approx(entry["duty"], abs=within["every_number"])
+    assert duty * 1023 == pytest.approx(entry["rtcm_chips_per_ms"], abs=within["every_number"])
     ours = [
         -propagation.blanked_loss(np.array([duty])),
         -propagation.gated_loss(duty),
@@ -122,10 +118,11 @@ def test_pulsed_pseudolite(cases: dict[str, Any], within: Within) -> None:
         "pseudolite_loss_ungated",
         "gold_code_cross_correlation",
     )
-    np.testing.assert_allclose(ours, [entry[f"{name}_db"] for name in names], rtol=0, atol=within["numbers"])
+    np.testing.assert_allclose(ours, [entry[f"{name}_db"] for name in names], rtol=0, atol=within["every_number"])
 
 
-@pytest.mark.validates("loss behind a knife edge", "ITU-R P.526", nu="1e-9", loss="1e-9 dB")
+@pytest.mark.validates("Diffraction loss behind a knife edge", "ITU-R P.526", diffraction_parameter="1e-9",
+                       loss="1e-9 dB")  # fmt: skip
 def test_knife_edge(cases: dict[str, Any], within: Within) -> None:
     rows = cases["knife_edge"]["cases"]
     ours = propagation.edge_loss(np.array([row["nu"] for row in rows]))
@@ -133,10 +130,10 @@ def test_knife_edge(cases: dict[str, Any], within: Within) -> None:
     row = rows[-1]
     before, behind = np.array([row["d1_m"], row["d2_m"]])
     nu = propagation.edge_parameter(row["height_m"], before, behind, SPEED_OF_LIGHT / row["frequency_hz"])
-    assert nu == pytest.approx(row["nu"], abs=within["nu"])
+    assert nu == pytest.approx(row["nu"], abs=within["diffraction_parameter"])
 
 
-@pytest.mark.validates("noise of range rates", "Kaplan & Hegarty 8.9, independent script", "(relative)", sigma="1e-9")
+@pytest.mark.validates("Noise of range rates", "Kaplan & Hegarty 8.9, independent script", "(relative)", sigma="1e-9")
 def test_range_rate_noise(cases: dict[str, Any], within: Within) -> None:
     for row in cases["range_rate_noise"]["cases"]:
         loop = tracking_threshold.FrequencyLoop(row["bandwidth_hz"], row["integration_s"], row["f"])
@@ -144,9 +141,8 @@ def test_range_rate_noise(cases: dict[str, Any], within: Within) -> None:
         assert ours == pytest.approx(row["sigma_m_s"], rel=within["sigma"])
 
 
-@pytest.mark.validates(
-    "a jammed landing, from power to code noise", "independent script", level="1e-6 dB", code="1e-6 m"
-)
+@pytest.mark.validates("Code noise of a jammed landing, step by step from the transmitter's power",
+                       "independent script", level="1e-6 dB", code_noise="1e-6 m")  # fmt: skip
 def test_jam_chain(cases: dict[str, Any], within: Within) -> None:
     entry = cases["jam_chain"]
     row, expected = entry["inputs"], entry["expected"]
@@ -163,14 +159,13 @@ def test_jam_chain(cases: dict[str, Any], within: Within) -> None:
     loop = CodeLoop(row["spacing"], row["loop_bandwidth_hz"], row["integration_s"])
     assert js.item() == pytest.approx(expected["js_db"], abs=within["level"])
     assert left.item() == pytest.approx(expected["cn0_effective_db"], abs=within["level"])
-    assert loop.sigma(left, chip_length(GPS)).item() == pytest.approx(expected["code_sigma_m"], abs=within["code"])
+    assert loop.sigma(left, chip_length(GPS)).item() == pytest.approx(
+        expected["code_sigma_m"], abs=within["code_noise"]
+    )
 
 
-@pytest.mark.validates(
-    "C/N0 at which lock is lost and found",
-    "JammerTest 2024, scenario 1.6.4 (plausibility)",
-    "(between two samples, 30 s)",
-)
+@pytest.mark.validates("C/N0 at which lock is lost and found", "JammerTest 2024, scenario 1.6.4 (plausibility)",
+                       "(between two samples, 30 s)")  # fmt: skip
 def test_field_jamming(cases: dict[str, Any]) -> None:
     """Between samples the median C/N0 is taken as a straight line. Most satellites go between the one with 28 dB-Hz and
     the next; most are back a sample after that of 30 dB-Hz."""
@@ -194,12 +189,8 @@ def correlation(spectrum: Spectrum, lag: float) -> float:
 
 
 @pytest.mark.parametrize("offset", [0.0, 1e3, 0.08 * MEGA, 0.7 * MEGA, 3.3 * MEGA])
-@pytest.mark.validates(
-    "spectral separation of different carriers",
-    "SciPy quadrature over the lag (Parseval)",
-    "(of that at 0)",
-    kappa="1e-9",
-)
+@pytest.mark.validates("Spectral separation of different carriers", "SciPy quadrature over the lag (Parseval)",
+                       "of its value at equal carriers", separation_coefficient="1e-9")  # fmt: skip
 def test_separation_by_lag(offset: float, within: Within) -> None:
     for one, other in PAIRS:
         a, b = SPECTRA[one], SPECTRA[other]
@@ -214,12 +205,11 @@ def test_separation_by_lag(offset: float, within: Within) -> None:
             spectral_separation.separation(a, b, np.array(offset)),
             spectral_separation.separation(b, a, np.array(-offset)),
         ):
-            assert float(ours) == pytest.approx(wanted, abs=within["kappa"] * scale), (one, other)
+            assert float(ours) == pytest.approx(wanted, abs=within["separation_coefficient"] * scale), (one, other)
 
 
-@pytest.mark.validates(
-    "spectral separation in the band of a front end", "SciPy quadrature over the frequency", "(relative)", kappa="1e-9"
-)
+@pytest.mark.validates("Spectral separation in the band of a front end", "SciPy quadrature over the frequency",
+                       "(relative)", separation_coefficient="1e-9")  # fmt: skip
 def test_separation_in_a_band(within: Within) -> None:
     band = Band(GPS.carrier - 4.0 * MEGA, GPS.carrier + 7.0 * MEGA)
     carriers, centre, width = GPS.carrier + np.array([-1.3, 0.0, 0.4]) * MEGA, GPS.carrier + 0.2 * MEGA, 9.0 * MEGA
@@ -238,11 +228,11 @@ def test_separation_in_a_band(within: Within) -> None:
         # the noise ends within the band above, and beyond it below
         wanted = shared(signal, lambda f: 1.0 / width, band.low, centre + 0.5 * width)
         ours = Flat(centre, width).kappa(signal, carriers, band)
-        np.testing.assert_allclose(ours, wanted, rtol=within["kappa"], err_msg=name)
+        np.testing.assert_allclose(ours, wanted, rtol=within["separation_coefficient"], err_msg=name)
         for other, jammer in SPECTRA.items():
             wanted = shared(signal, lambda f, jammer=jammer: float(jammer.density(f - centre)), band.low, band.high)
             ours = Modulated(jammer, centre).kappa(signal, carriers, band)
-            np.testing.assert_allclose(ours, wanted, rtol=within["kappa"], err_msg=f"{name} {other}")
+            np.testing.assert_allclose(ours, wanted, rtol=within["separation_coefficient"], err_msg=f"{name} {other}")
 
 
 @pytest.mark.parametrize("band", [None, Band(GPS.carrier - 1.0 * MEGA, GPS.carrier + 0.3 * MEGA)])
@@ -394,7 +384,8 @@ def bent(before: float, behind: float) -> float:
     return before * behind / 2.0 * (1.0 / 6371.0e3 - 3.0 / (4.0 * 6371.0e3))
 
 
-@pytest.mark.validates("loss behind a ridge", "ITU-R P.526: knife edge, independent script", "(dB)", loss="1e-6")
+@pytest.mark.validates("Diffraction loss behind a ridge", "ITU-R P.526: knife edge, independent script", "dB",
+                       loss="1e-6")  # fmt: skip
 def test_a_ridge_is_the_knife_edge(cases: dict[str, Any], within: Within) -> None:
     """The oracle's 10 m over a path of 1 and 3 km, to an aircraft beyond it; a slanting path misses the edge by less;
     past the ends, before and behind it nothing is lost, and of two the worse counts."""

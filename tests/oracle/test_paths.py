@@ -32,9 +32,8 @@ def joins(path: Path) -> float:
     return float(max(np.abs(ended(a, knot)[:3] - ended(b, knot)[:3]).max() for knot, a, b in pairs))
 
 
-@pytest.mark.validates(
-    "radius, rate, load factor of a level turn", "closed form", radius="1e-3 m", rate="1e-4 deg/s", load="1e-6"
-)
+@pytest.mark.validates("Radius, rate and load factor of a level turn", "closed form", radius="1e-3 m",
+                       rate="1e-4 deg/s", load_factor="1e-6")  # fmt: skip
 def test_level_turn(published: dict[str, Any], within: Within) -> None:
     """The steady part of a turn, as it is flown, and as it is felt."""
     entry = published["level_turn"]
@@ -46,19 +45,18 @@ def test_level_turn(published: dict[str, Any], within: Within) -> None:
     rate = np.degrees(across / speed)
     np.testing.assert_allclose(rate, entry["rate_deg_s"], rtol=0.0, atol=within["rate"])
     load = np.hypot(across, 9.80665) / 9.80665
-    np.testing.assert_allclose(load, entry["load"], rtol=0.0, atol=within["load"])
+    np.testing.assert_allclose(load, entry["load"], rtol=0.0, atol=within["load_factor"])
 
 
-@pytest.mark.validates(
-    "a fly-by turn begins R tan(Δψ/2) before its corner", "closed form", "(rolling in no time)", lead="0.02 m"
-)
+@pytest.mark.validates("Distance before the corner at which a fly-by turn begins", "closed form",
+                       "(rolling in no time)", distance="0.02 m")  # fmt: skip
 @pytest.mark.parametrize("degrees", [30.0, -90.0, 140.0])
 def test_lead_of_an_ideal_turn(degrees: float, within: Within) -> None:
     """Rolling takes a hundredth, a thousandth of a second: the lead falls to the ideal one as fast."""
     radius = 30.0**2 / (9.80665 * math.tan(math.radians(30.0)))
     ideal = radius * math.tan(math.radians(abs(degrees)) / 2.0)
     over = [turn(30.0, math.radians(degrees), math.radians(30.0), roll).lead() - ideal for roll in (1e-2, 1e-3)]
-    assert 0.0 < over[1] < within["lead"]
+    assert 0.0 < over[1] < within["distance"]
     assert over[0] / over[1] == pytest.approx(10.0, rel=0.01)
 
 

@@ -39,7 +39,7 @@ def standing(llh: np.ndarray, c_nb: np.ndarray) -> Motion:
     return Motion(np.arange(float(len(llh))), ecef_from_llh(llh), still, llh, c_eb, still, still)
 
 
-@pytest.mark.validates("free-space loss", "Friis, independent script", level="6e-3 dB")
+@pytest.mark.validates("Free-space loss", "Friis, independent script", level="6e-3 dB")
 def test_free_space(within: Within) -> None:
     for distance, loss, eirp in oracle("free_space_and_eirp")["rows"]:
         found = float(propagation.path_loss(np.array(float(distance)), L1))
@@ -63,9 +63,8 @@ def test_near_far(within: Within) -> None:
         assert found == pytest.approx(given[f"js_limit_45_to_{least}"], abs=within["level"])
 
 
-@pytest.mark.validates(
-    "distance within which a pseudolite costs satellites", "closed form, independent script", radius="0.5 m"
-)
+@pytest.mark.validates("Distance within which a pseudolite costs satellites", "closed form, independent script",
+                       radius="0.5 m")  # fmt: skip
 def test_radius_of_loss(within: Within) -> None:
     """Over a pseudolite that is received with -130 dBm in 10 km, a satellite with -128.5 dBm overhead: by noise alone,
     and by the lines of its code at whole kHz of Doppler."""
@@ -93,7 +92,8 @@ def test_radius_of_loss(within: Within) -> None:
         np.testing.assert_allclose(signals.js[0, :, 0], js, atol=1e-6)
 
 
-@pytest.mark.validates("losses by pulses", "closed form, independent script", level="1e-3 dB")
+@pytest.mark.validates("Loss of satellite and pseudolite signals by pulses", "closed form, independent script",
+                       level="1e-3 dB")  # fmt: skip
 def test_pulsing(within: Within) -> None:
     given = oracle("pulsing")
     one = given["duty_1_11"]
@@ -106,7 +106,7 @@ def test_pulsing(within: Within) -> None:
     assert -propagation.ungated_loss(duty[0]) == pytest.approx(one["pl_ungated_db"], abs=within["level"])
 
 
-@pytest.mark.validates("elevation seen by a banked antenna", "closed form, independent script", angle="1e-6 deg")
+@pytest.mark.validates("Elevation seen by a banked antenna", "closed form, independent script", angle="1e-6 deg")
 def test_banked_antenna(within: Within) -> None:
     """Heading north, a source due east 2 degrees below the horizon."""
     given = oracle("banked_antenna")
@@ -158,15 +158,16 @@ def test_a_pattern_of_the_ground_goes_all_around() -> None:
     np.testing.assert_allclose(one.gain_at(np.radians(np.array([77.0])), np.radians(np.array([5.0]))), 3.0)
 
 
-@pytest.mark.validates("Fresnel coefficients of the ground", "independent script", size="6e-5")
+@pytest.mark.validates("Reflection coefficients of the ground", "independent script", coefficient="6e-5")
 def test_reflection_coefficients_of_ground(within: Within) -> None:
     """Of linear polarisations, and of circular the parts of the same sense and of the other."""
     for _, permittivity, conductivity, grazing, *sizes in oracle("fresnel")["rows"]:
         v, h = dll.fresnel(permittivity, conductivity, 299792458.0 / L1, np.radians(np.array(grazing)))
-        np.testing.assert_allclose(np.abs([h, v, 0.5 * (h + v), 0.5 * (h - v)]), sizes, atol=within["size"])
+        np.testing.assert_allclose(np.abs([h, v, 0.5 * (h + v), 0.5 * (h - v)]), sizes, atol=within["coefficient"])
 
 
-@pytest.mark.validates("two rays over flat ground", "closed form, independent script", length="6e-7 m", level="6e-4 dB")
+@pytest.mark.validates("Path difference and level of a ray reflected by flat ground",
+                       "closed form, independent script", length="6e-7 m", level="6e-4 dB")  # fmt: skip
 def test_two_rays(within: Within) -> None:
     """Of ground that conducts as a metal does, which turns a horizontal wave over."""
     metal = dll.GroundReflection(0.0, 1.0, 1e14, 0.0, "horizontal")
@@ -176,7 +177,8 @@ def test_two_rays(within: Within) -> None:
         assert float(dll.fade(ray[0], ray[2])) == pytest.approx(field, abs=within["level"])
 
 
-@pytest.mark.validates("code error of a short reflection", "closed form, independent script", length="1e-5 m")
+@pytest.mark.validates("Code error by a reflection with little delay", "closed form, independent script",
+                       length="1e-5 m")  # fmt: skip
 def test_code_error_of_a_short_excess(within: Within) -> None:
     given = oracle("short_delay_code_multipath")
     for phase, wanted in ((0.0, given["phi_0"]), (np.pi, given["phi_pi"])):

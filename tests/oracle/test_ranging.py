@@ -358,10 +358,9 @@ def study_of(text: str) -> RangeStudy:
     return prepare(validated(RecordedRanges, document), document)
 
 
-@pytest.mark.validates(
-    "two-way ranges of UWB anchors: position and biases", "RTK truth of a public recording",
-    filter="0.85 m", smoother="0.65 m", bias="0.1 m",
-)  # fmt: skip
+@pytest.mark.validates("Position and biases by recorded two-way ranges of UWB anchors",
+                       "RTK truth of a public recording", filter="0.85 m", smoother="0.65 m",
+                       bias="0.1 m")  # fmt: skip
 def test_uwb_yard(shared: Path, within: Any) -> None:
     study = study_of(YARD.format(shared / "data" / "uwb_yard"))
     result = compute(study)
@@ -396,10 +395,8 @@ end_s: 20500
 """
 
 
-@pytest.mark.validates(
-    "pseudoranges of five free clocks: residual and clock rates", "independent script on a public recording",
-    residual="0.55 m", rate="0.02 m/s",
-)  # fmt: skip
+@pytest.mark.validates("Residuals and clock rates by recorded pseudoranges of five free clocks",
+                       "independent script on a public recording", residual="0.55 m", rate="0.02 m/s")  # fmt: skip
 def test_pseudolite_uav(shared: Path, within: Any) -> None:
     """On the circles: a place and the receiver's clock free in every epoch, offset and rate for each source, one
     height."""

@@ -56,9 +56,8 @@ def judged(theirs: Any, ours: Observations, epochs: range) -> int:
     return count
 
 
-@pytest.mark.validates(
-    "RINEX observations: versions 2, 3, 4, scale factors, blank lines", "sidereon 3.0.4", "every value the same"
-)
+@pytest.mark.validates("RINEX observations: versions 2, 3, 4, scale factors, blank lines", "sidereon 3.0.4",
+                       "every value the same")  # fmt: skip
 @pytest.mark.parametrize("kind", OBSERVATIONS)
 def test_observations(kind: str, sidereon: Any, tmp_path: Path) -> None:
     (tmp_path / "obs").write_text(OBSERVATIONS[kind])

@@ -36,7 +36,8 @@ def point(place: tuple[float, float]) -> str:
 BOTH = f"runway={{threshold: {point(ODENSE[0])}, end: {point(ODENSE[1])}%s}}"
 
 
-@pytest.mark.validates("aim points from threshold crossing heights", "TCH / tan(glide)", distance="5e-3 m")
+@pytest.mark.validates("Distance of the aim point by the threshold crossing height", "formula: TCH / tan(glide)",
+                       distance="5e-3 m")  # fmt: skip
 @pytest.mark.parametrize("glide", [3, 5])
 def test_aim_point(glide: int, within: Within) -> None:
     given = published()["runway"]
@@ -49,7 +50,7 @@ def test_aim_point(glide: int, within: Within) -> None:
     assert frame is not None
 
 
-@pytest.mark.validates("magnetic fields", "test values of WMM2020 (NOAA, December 2019)", field="6e-5 uT")
+@pytest.mark.validates("Magnetic fields", "test values of WMM2020 (NOAA, December 2019)", field="6e-5 uT")
 def test_magnetic_field(within: Within) -> None:
     """Rows of the published table at 2020.0: north, east, down, nT."""
     if not HAS_FIELD:
@@ -59,7 +60,7 @@ def test_magnetic_field(within: Within) -> None:
         np.testing.assert_allclose(found, 1e-3 * np.array(published), atol=within["field"], rtol=0.0)
 
 
-@pytest.mark.validates("magnetic declinations", "pygeomag 1.1.0 with WMM2015v2, WMM2020, WMM2025", angle="1e-3 deg")
+@pytest.mark.validates("Magnetic declinations", "pygeomag 1.1.0 with WMM2015v2, WMM2020, WMM2025", angle="1e-3 deg")
 def test_declinations(within: Within) -> None:
     if not HAS_FIELD:
         pytest.skip("the extra `magnetic` (pygeomag) is not installed")
@@ -67,7 +68,8 @@ def test_declinations(within: Within) -> None:
         assert declination(lat, lon, 1000.0 * height, year) == pytest.approx(expected, abs=within["angle"])
 
 
-@pytest.mark.validates("directions between thresholds", "pymap3d's geodesics; OurAirports' heading", angle="1e-4 deg")
+@pytest.mark.validates("Runway direction by its two thresholds", "pymap3d's geodesics; OurAirports' heading",
+                       angle="1e-4 deg")  # fmt: skip
 def test_direction_between_thresholds(within: Within) -> None:
     _, azimuth = vdist(*ODENSE[0], *ODENSE[1])
     found = between(*ODENSE)

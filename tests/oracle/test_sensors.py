@@ -63,7 +63,8 @@ def sine(peak: float, frequency: float = 1.0, seconds: float = 20.0) -> np.ndarr
 NONE = ImuErrorModel()
 
 
-@pytest.mark.validates("gains of inertial sensors", "closed forms: a turn of 360 degrees, a sine", effect="1 %")
+@pytest.mark.validates("Effect of scale factor, misalignment, asymmetry, nonlinearity and g-sensitivity",
+                       "closed forms: a turn of 360 degrees, a sine", effect="1 %")  # fmt: skip
 def test_gains(known: dict[str, Any], within: Within) -> None:
     """Scale factor, misalignment, asymmetry, nonlinearity and g-sensitivity by what they do for one sigma."""
     told, close = known["imu_single_terms"], within["effect"]
@@ -111,7 +112,8 @@ def test_gains_are_drawn() -> None:
         assert values.std() == pytest.approx(size, rel=4.0 / math.sqrt(2.0 * values.size))
 
 
-@pytest.mark.validates("bias by vibration and by temperature", "K g_rms2; coefficient times the warmth", effect="1 %")
+@pytest.mark.validates("Sensor bias by vibration and by temperature",
+                       "formulas: K g_rms²; coefficient times the temperature difference", effect="1 %")  # fmt: skip
 def test_rectification_and_temperature(known: dict[str, Any], within: Within) -> None:
     close, still = within["effect"], np.zeros((30000, 3))
     shaken = Vibration(lines=((3.0 * math.sqrt(2.0) * G, 20.0),))
@@ -130,7 +132,7 @@ def test_rectification_and_temperature(known: dict[str, Any], within: Within) ->
     assert rate.sum(axis=0) * DT == pytest.approx(turned, rel=close)
 
 
-@pytest.mark.validates("saturation", "lost angle: the integral beyond the range", angle="1 %")
+@pytest.mark.validates("Angle lost by a saturated gyro", "integral of the rate beyond the range", angle="1 %")
 def test_saturation(within: Within) -> None:
     peak, limit, seconds = 200.0 * DEG, 125.0 * DEG, 20.0
     rate, _, errors = measured(sine(peak), np.zeros((2000, 3)), ImuErrorModel(largest=limit), NONE)
@@ -142,7 +144,9 @@ def test_saturation(within: Within) -> None:
     assert errors.clipped[1] == 0
 
 
-@pytest.mark.validates("bandwidth", "delay 2 zeta/omega0 of a ramp, -3 dB at its frequency", delay="1 %", gain="1 %")
+@pytest.mark.validates("Delay and gain of a sensor's bandwidth",
+                       "formulas: delay 2 zeta/omega0 of a ramp, -3 dB at its frequency", delay="1 %",
+                       gain="1 %")  # fmt: skip
 @pytest.mark.parametrize("damping", [0.5, 0.7071, 1.0])
 def test_bandwidth(damping: float, within: Within) -> None:
     """Frequency, damping and delay by themselves: omega0 from the gain of a filter of second order."""
@@ -204,7 +208,8 @@ def test_allan_deviation(further: ImuErrorModel, white: float, markov: float, wi
     np.testing.assert_allclose(ratio, 1.0, atol=within["deviation"])
 
 
-@pytest.mark.validates("quantisation and the peak of a Markov bias", "closed forms", deviation="1 %", peak="1e-5")
+@pytest.mark.validates("Allan deviation of quantisation, and the peak of a Gauss-Markov bias", "closed forms",
+                       deviation="1 %", peak="1e-5 (relative)")  # fmt: skip
 def test_closed_forms(known: dict[str, Any], within: Within) -> None:
     told = known["imu_single_terms"]["quantisation_lsb_1e4rad_adev_1s"]
     quantum = replace(PERFECT, further=ImuErrorModel(quantum=1e-4))
@@ -229,7 +234,9 @@ def test_lines_beyond_the_samples_are_aliased() -> None:
     assert power.max() == pytest.approx(abs(np.sinc(1.3)), rel=1e-6)
 
 
-@pytest.mark.validates("random vibration", "its density in bands, its mean square", density="6 %", square="2 %")
+@pytest.mark.validates("Spectral density and mean square of random vibration",
+                       "density and mean square that the scenario asks for", density="6 %",
+                       mean_square="2 %")  # fmt: skip
 def test_random_vibration(within: Within) -> None:
     """10-40 Hz are what is asked for less what a mean over a sample takes; with what is folded, all of it."""
     shaken = Vibration(density=((5.0, 0.01), (20.0, 0.04), (300.0, 0.004)))
@@ -250,7 +257,7 @@ def test_random_vibration(within: Within) -> None:
     coarse = shaking(shaken, rngs, count, DT)
     assert coarse is not None
     expected = np.sum(shaken.at(grid) * np.sinc(grid * DT) ** 2) * 0.01
-    assert np.mean((coarse / DT) ** 2) == pytest.approx(expected, rel=within["square"])
+    assert np.mean((coarse / DT) ** 2) == pytest.approx(expected, rel=within["mean_square"])
 
 
 def test_white_density_of_a_vibration() -> None:
@@ -323,7 +330,7 @@ def test_streams_of_their_own() -> None:
         np.testing.assert_array_equal(one[2].bias[at], errors.bias[..., run])
 
 
-@pytest.mark.validates("units of data sheets", "by their definitions", unit="1e-6")
+@pytest.mark.validates("Conversion of the units of data sheets", "definitions of the units", converted_value="1e-6")
 def test_units(known: dict[str, Any], within: Within) -> None:
     """Keys in the units of data sheets, as the models have them."""
     gyro = (
@@ -339,7 +346,7 @@ def test_units(known: dict[str, Any], within: Within) -> None:
     )
     around = "imu.vibration={lines: [{amplitude_g: 2, frequency_hz: 30}]}", "imu.temperature={ramp_k_min: 60}"
     of_gyro, of_accel = scenario(gyro, accel, *around).imu.triads()
-    units, told = known["unit_conversions"], within["unit"]
+    units, told = known["unit_conversions"], within["converted_value"]
     deg_h, mg, g = DEG / 3600.0, 9.80665e-3, 9.80665
     assert (units["deg_h"], units["mg"]) == pytest.approx((of_gyro.bias, of_accel.bias), rel=told)
     assert units["deg_sqrt_h"] == pytest.approx(of_gyro.noise_density, rel=told)

@@ -38,10 +38,10 @@ def station(shared: Path) -> tuple[Any, Any, np.ndarray]:
     return navigation, observations, marker + known["antenna_up_m"] * up
 
 
-@pytest.mark.validates(
-    "Single-point positioning, a day of GPS, GLONASS and both", "station ESBC, coordinates to centimetres",
-    "(rms)", **LIMITS, PDOP="0.03",
-)  # fmt: skip
+@pytest.mark.validates("Error of single-point positions over a day by GPS, GLONASS and both",
+                       "station ESBC, coordinates to centimetres",
+                       "(RMS errors; G: GPS, R: GLONASS; H: horizontal, V: vertical)", **LIMITS,
+                       PDOP="0.03")  # fmt: skip
 @pytest.mark.parametrize("systems", MEAN_PDOP)
 def test_a_day_of_positions(systems: str, station: tuple[Any, Any, np.ndarray], within: Within) -> None:
     navigation, observations, antenna = station
@@ -77,10 +77,9 @@ PRECISE_LIMITS = {"G H": "3.0 m", "G V": "4.8 m", "R H": "3.4 m", "R V": "5.6 m"
 in the ranges of one, up to 5 m."""
 
 
-@pytest.mark.validates(
-    "Single-point positioning by precise orbits (SP3), a day of GPS, GLONASS and both",
-    "station ESBC, coordinates to centimetres", "(rms)", **PRECISE_LIMITS,
-)  # fmt: skip
+@pytest.mark.validates("Error of single-point positions by precise orbits (SP3) over a day by GPS, GLONASS and both",
+                       "station ESBC, coordinates to centimetres",
+                       "(RMS errors; G: GPS, R: GLONASS; H: horizontal, V: vertical)", **PRECISE_LIMITS)  # fmt: skip
 @pytest.mark.parametrize("systems", ["G", "R", "GR"])
 def test_precise_orbits(systems: str, station: tuple[Any, Any, np.ndarray], shared: Path, within: Within) -> None:
     """The orbits have no frequency channels; the observation file has."""
@@ -239,9 +238,9 @@ def figures(
 
 
 @pytest.mark.validates(
-    "Single-point positions of a day by GPS, Galileo, GPS and Galileo, GPS and BeiDou, weighted by an error budget",
-    "RTKLIB rnx2rtkp 2.4.3 on the same file", "(rms horizontal, vertical, 95 %)", figures="10 %", satellites="0.1",
-)  # fmt: skip
+    "Error of weighted single-point positions over a day by GPS, Galileo, GPS and Galileo, GPS and BeiDou",
+    "RTKLIB rnx2rtkp 2.4.3 on the same file", satellites="0.1",
+    **{"RMS and 95 %": "10 %"})  # fmt: skip
 @pytest.mark.parametrize("name", in_brief(SETS, 1, 3))
 def test_every_set_of_systems_as_rtklib(
     name: str, all_systems: tuple[Any, Observations, np.ndarray], within: Within
@@ -255,7 +254,7 @@ def test_every_set_of_systems_as_rtklib(
     found = figures(like, observations, antenna, SETS[name], settings)
     assert found[0] == given[0]
     assert found[1] == pytest.approx(given[1], abs=within["satellites"])
-    np.testing.assert_allclose(found[2:], given[2:], rtol=within["figures"])
+    np.testing.assert_allclose(found[2:], given[2:], rtol=within["RMS and 95 %"])
     # with all group delays, and by the elevation alone
     whole = figures(navigation, observations, antenna, SETS[name], settings)
     plain = figures(navigation, observations, antenna, SETS[name], replace(settings, weights="elevation"))

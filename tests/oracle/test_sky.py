@@ -49,10 +49,8 @@ def nearest(navigation: Navigation, system: System, prn: int) -> gps.Elements:
     return records.take(mine[[np.argmin(np.abs(records.toe[mine] - NOON))]])
 
 
-@pytest.mark.validates(
-    "Broadcast positions and clocks of GPS and of BeiDou's three kinds of orbits", "RTKLIB (pyrtklib 0.2.7, eph2pos)",
-    place="1e-3 m", clock="1e-12 s",
-)  # fmt: skip
+@pytest.mark.validates("Broadcast positions and clocks of GPS and of BeiDou's three kinds of orbits",
+                       "RTKLIB (pyrtklib 0.2.7, eph2pos)", position="1e-3 m", clock="1e-12 s")  # fmt: skip
 @pytest.mark.parametrize(
     ("name", "system", "key"),
     [
@@ -64,26 +62,26 @@ def test_positions_by_messages(name: str, system: System, key: str, navigation: 
     given, record = oracle("broadcast_positions_rtklib"), nearest(navigation, system, int(name[1:]))
     assert record.toe[0] - NOON == (14.0 if system is BEIDOU else -16.0)
     position, velocity = record.state(np.array([NOON]), system)
-    np.testing.assert_allclose(position[0], given[key], rtol=0.0, atol=within["place"])
+    np.testing.assert_allclose(position[0], given[key], rtol=0.0, atol=within["position"])
     clock, _ = record.clock(np.array([NOON]), system)
     assert clock[0] == pytest.approx(given["clock_s"][name], abs=within["clock"])
     near = (record.state(np.array([NOON + h]), system)[0] for h in (0.5, -0.5))
     np.testing.assert_allclose(velocity, np.subtract(*near), atol=1e-5)
 
 
-@pytest.mark.validates("A Galileo position by I/NAV", "RTKLIB (eph2pos)", place="0.01 m")
+@pytest.mark.validates("A Galileo position by I/NAV", "RTKLIB (eph2pos)", position="0.01 m")
 def test_a_galileo_position(navigation: Navigation, within: Within) -> None:
     given, record = oracle("galileo_inav_position"), nearest(navigation, GALILEO, 1)
     assert record.toe[0] == NOON
     position = record.state(np.array([NOON]), GALILEO)[0][0]
-    np.testing.assert_allclose(position, given["E01"], rtol=0.0, atol=within["place"])
-    assert np.linalg.norm(position - given["sp3"]) == pytest.approx(given["distance_m"], abs=within["place"])
+    np.testing.assert_allclose(position, given["E01"], rtol=0.0, atol=within["position"])
+    assert np.linalg.norm(position - given["sp3"]) == pytest.approx(given["distance_m"], abs=within["position"])
 
 
-@pytest.mark.validates(
-    "Broadcast orbits and clocks of GPS and Galileo (I/NAV) over a day", "CNES/GRGS precise orbits, 2020-06-25",
-    "(median, rms, 95 %, radial mean, tangential, clock)", figures="2 %",
-)  # fmt: skip
+@pytest.mark.validates("Statistics of the broadcast errors of GPS and Galileo (I/NAV) over a day",
+                       "independent script on the messages and the precise orbits of CNES/GRGS, 2020-06-25",
+                       "(count, median, RMS, 95 %, radial mean, tangential and clock RMS)",
+                       statistics="2 %")  # fmt: skip
 @pytest.mark.parametrize(
     ("key", "system", "reach", "ahead"),
     [
@@ -116,12 +114,11 @@ def test_broadcast_less_precise(
         size.size, np.median(size), np.sqrt(np.mean(size**2)), np.percentile(size, 95), radial.mean(),
         np.sqrt(np.mean(size**2 - radial**2)), SPEED_OF_LIGHT * np.sqrt(np.nanmean(clock**2)),
     ]  # fmt: skip
-    np.testing.assert_allclose(found, oracle("broadcast_minus_sp3")[key], rtol=within["figures"])
+    np.testing.assert_allclose(found, oracle("broadcast_minus_sp3")[key], rtol=within["statistics"])
 
 
-@pytest.mark.validates(
-    "Clocks by I/NAV and by F/NAV, with group delays", "independent script on the same messages", figures="2 %"
-)
+@pytest.mark.validates("Difference of Galileo clocks by I/NAV and by F/NAV, with group delays",
+                       "independent script on the same messages", statistics="2 %")  # fmt: skip
 def test_group_delays_bring_both_galileo_messages_together(navigation: Navigation, within: Within) -> None:
     given = oracle("galileo_bgd")
     inav, fnav = (navigation.elements[GALILEO, name] for name in ("INAV", "FNAV"))
@@ -136,7 +133,7 @@ def test_group_delays_bring_both_galileo_messages_together(navigation: Navigatio
     after = raw - SPEED_OF_LIGHT * (inav.tgd[i] - fnav.tgd[k])
     found = [np.sqrt(np.mean(raw**2)), np.sqrt(np.mean(after**2)), after.mean()]
     wanted = [given["raw_rms_m"], given["after_bgd_rms_m"], given["after_bgd_mean_m"]]
-    np.testing.assert_allclose(found, wanted, rtol=within["figures"])
+    np.testing.assert_allclose(found, wanted, rtol=within["statistics"])
 
 
 @pytest.mark.validates("Jumps between hourly BeiDou messages", "independent script", jump="0.02 m")
@@ -221,7 +218,8 @@ WALKER = gps.on_circles(
 )  # fmt: skip
 
 
-@pytest.mark.validates("GPS's 24 slots", "GPS SPS Performance Standard (2001), Table 3-1", angle="5e-3 deg")
+@pytest.mark.validates("Directions of GPS's 24 slots", "GPS SPS Performance Standard (2001), Table 3-1",
+                       angle="5e-3 deg")  # fmt: skip
 def test_slots_of_the_standard(shared: Path, within: Within) -> None:
     """Directions from the Earth's centre by the nodes, arguments and the Greenwich hour angle of the table."""
     given = oracle("gps_24_slots")
@@ -240,7 +238,7 @@ def test_slots_of_the_standard(shared: Path, within: Within) -> None:
     assert apart.max() < within["angle"]
 
 
-@pytest.mark.validates("Galileo's time against GPS's", "the header GAGP of a real day", offset="1e-4 m")
+@pytest.mark.validates("Offset of Galileo's time from GPS's", "header GAGP of a real day", offset="1e-4 m")
 def test_time_offset_of_messages(navigation: Navigation, shared: Path, within: Within) -> None:
     """As the header says it, at any time of its line; a scenario takes it on request, and stores the number."""
     given = oracle("ggto")
@@ -280,9 +278,8 @@ def test_no_time_offset(shared: Path, tmp_path: Path) -> None:
             prepare(flown, document)
 
 
-@pytest.mark.validates(
-    "DOPs of GPS's 24 slots and of a Walker 24/3/1 over a day", "independent script", figures="0.005", largest="0.02"
-)
+@pytest.mark.validates("DOPs of GPS's 24 slots and of a Walker 24/3/1 over a day", "independent script",
+                       statistics="0.005", largest="0.02")  # fmt: skip
 @pytest.mark.parametrize(
     ("key", "constellation", "mask"),
     [
@@ -295,18 +292,18 @@ def test_dops_of_designs(key: str, constellation: Any, mask: float, within: With
     found, stats = statistics(constellation, mask)
     for name, wanted in given[key].items():
         if name == "n":
-            np.testing.assert_allclose(stats["n"], wanted, rtol=0.0, atol=within["figures"])
+            np.testing.assert_allclose(stats["n"], wanted, rtol=0.0, atol=within["statistics"])
         elif name.endswith("DOP"):
             # at a mask of 15 degrees a few minutes are nearly singular, which is in the mean, too
             some = slice(1, 3) if mask > 10.0 else slice(0, 3)
-            np.testing.assert_allclose(stats[name][some], wanted[some], rtol=0.0, atol=within["figures"])
+            np.testing.assert_allclose(stats[name][some], wanted[some], rtol=0.0, atol=within["statistics"])
             if mask < 10.0:
                 assert stats[name][3] == pytest.approx(wanted[3], abs=within["largest"])
     if key == "GPS24_mask5":
         for epoch in given["GPS24_epochs"]:
             ours = dict(zip(("GDOP", "PDOP", "HDOP", "VDOP", "TDOP"), found[int(epoch["t_s"] / 60)], strict=True))
             for name, value in ours.items():
-                assert value == pytest.approx(epoch[name], abs=within["figures"])
+                assert value == pytest.approx(epoch[name], abs=within["statistics"])
 
 
 def apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -315,10 +312,8 @@ def apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.degrees(np.arccos(np.clip(a @ b.T, -1.0, 1.0)))
 
 
-@pytest.mark.validates(
-    "Design constellations of Galileo, BeiDou (MEO) and QZSS", "broadcast messages of 2020-06-25", slot="4.5 deg",
-    mean="0.5 deg",
-)  # fmt: skip
+@pytest.mark.validates("Slots of the design constellations of Galileo, BeiDou (MEO) and QZSS",
+                       "broadcast messages of 2020-06-25", slot="4.5 deg", mean="0.5 deg")  # fmt: skip
 @pytest.mark.parametrize("system", [GALILEO, BEIDOU, QZSS])
 def test_designs_have_the_phase_of_the_real_satellites(system: System, navigation: Navigation, within: Within) -> None:
     ours = design(system, NOON_UTC)

@@ -27,13 +27,10 @@ def injected(start: np.ndarray, x: np.ndarray) -> np.ndarray:
     return nav
 
 
-@pytest.mark.validates(
-    "The `map` smoother minimises the nonlinear least-squares cost of the whole flight",
-    "scipy.optimize.least_squares with numerical derivatives through the mechanisation",
-    "of a sigma, each state at the last fix",
-    estimate="5e-3",
-    **{"sigma of biases": "2 %"},
-)
+@pytest.mark.validates("The `map` smoother minimises the nonlinear least-squares cost of the whole flight",
+                       "scipy.optimize.least_squares with numerical derivatives through the mechanisation",
+                       "of a sigma, each state at the last fix", estimate="5e-3",
+                       **{"sigma of biases": "2 %"})  # fmt: skip
 def test_map_is_the_least_squares_solution(within: Within) -> None:
     """Perfect sensors but for constant biases, 5 degrees and 700 deg/h: fifteen unknowns, 60 positions and a prior."""
     flown = case("receiver.rate_hz=1", f"duration_s={EPOCHS}", "imu.gyro.noise_deg_h=0", "imu.accelerometer.noise_mg=0")

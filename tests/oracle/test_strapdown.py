@@ -59,9 +59,8 @@ def test_paper_profile_comes_back() -> None:
     assert np.linalg.norm(turn) < 1e-5
 
 
-@pytest.mark.validates(
-    "specific force and angular rate belong to the path", "scipy DOP853 in ECEF", place="1e-4 m", attitude="1e-8 rad"
-)
+@pytest.mark.validates("Error-free accelerometer and gyro data reproduce the path", "scipy DOP853 in ECEF",
+                       position="1e-4 m", attitude="1e-8 rad")  # fmt: skip
 @pytest.mark.parametrize("name", ["landing", "landing_smooth"])
 def test_truth_against_an_independent_integrator(name: str, within: Within) -> None:
     """The path's own rates, integrated in ECEF by scipy's DOP853, give back the path."""
@@ -88,12 +87,12 @@ def test_truth_against_an_independent_integrator(name: str, within: Within) -> N
         )
         y = solution.y[:, -1]
     truth = trajectory.motion(np.array([120.0]))
-    assert np.linalg.norm(y[:3] - truth.position_ecef[0]) < within["place"]
+    assert np.linalg.norm(y[:3] - truth.position_ecef[0]) < within["position"]
     turn = Rotation.from_matrix(earth.ned_matrix(truth.llh[0]) @ y[6:].reshape(3, 3) @ truth.c_nb[0].T)
     assert turn.magnitude() < within["attitude"]
 
 
-@pytest.mark.validates("velocity increment with rotation correction", "pyins' tests", increment="3e-6 m/s")
+@pytest.mark.validates("Velocity increment of a rotating sensor", "pyins' tests", increment="3e-6 m/s")
 def test_published_increment(oracles: dict[str, Any], within: Within) -> None:
     """Velocity increment turned by half the rotation; ours goes one order further, 2e-6 here."""
     entry = oracles["strapdown_increment"]
@@ -109,12 +108,9 @@ def test_published_increment(oracles: dict[str, Any], within: Within) -> None:
     np.testing.assert_allclose(mid[9:12], entry["expected_dv_corrected"], rtol=0.0, atol=within["increment"])
 
 
-@pytest.mark.validates(
-    "drift under coning, without and with the two-sample correction",
-    "closed form (Savage, Titterton)",
-    "(corrected: (ωT)⁴/15 of it left)",
-    drift="5 %",
-)
+@pytest.mark.validates("Attitude drift under coning, without and with the two-sample correction",
+                       "closed form (Savage, Titterton)", "(corrected: (ωT)⁴/15 of it left)",
+                       drift="5 %")  # fmt: skip
 def test_coning(oracles: dict[str, Any], within: Within) -> None:
     """Pure coning: uncorrected increments drift as published, the two-sample algorithm hardly at all."""
     dt = 0.01

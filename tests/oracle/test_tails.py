@@ -35,7 +35,8 @@ def one(source: int, bias: float) -> np.ndarray:
     return np.where(np.arange(SOURCES) == source, bias, 0.0)
 
 
-@pytest.mark.validates("risk of a biased range, sampled", "closed form", "(standard errors)", errors="3")
+@pytest.mark.validates("Risk of a biased range, by importance sampling", "closed form", "standard errors",
+                       difference="3")  # fmt: skip
 @pytest.mark.parametrize(
     ("limit", "bias", "name"),
     [(20.0, 20.0, "at_20_m_bias_20"), (35.0, 30.0, "at_35_m_bias_30"), (45.0, 30.0, "at_45_m_bias_30")],
@@ -46,12 +47,12 @@ def test_sampled_risk(cases: dict[str, Any], within: Within, limit: float, bias:
     draws = sampled(
         case, case.biases(one(entry["inputs"]["fault_index"], bias)), limit, 100_000, generator(1, 0, "integrity")
     )
-    assert abs(draws.probability - entry["expected"][name]) < within["errors"] * draws.error
+    assert abs(draws.probability - entry["expected"][name]) < within["difference"] * draws.error
     assert draws.effective > 1000
     assert draws.error < 0.03 * draws.probability
 
 
-@pytest.mark.validates("worst bias of a range", "closed form", bias="0.1 m")
+@pytest.mark.validates("Bias of a range with the largest risk", "closed form", bias="0.1 m")
 def test_worst_bias(cases: dict[str, Any], within: Within) -> None:
     worst = cases["integrity_risk_exact"]["expected"]["at_vpl_we"]
     case = under_squares(raim(cases, 1e-5), 0, UP)
@@ -60,7 +61,8 @@ def test_worst_bias(cases: dict[str, Any], within: Within) -> None:
     assert found * case.unwhitened[0] == pytest.approx(worst["worst_bias_m"], abs=within["bias"])
 
 
-@pytest.mark.validates("risk under one separation test, sampled", "closed form", "(standard errors)", errors="3")
+@pytest.mark.validates("Risk under one ARAIM test, by importance sampling", "closed form", "standard errors",
+                       difference="3")  # fmt: skip
 def test_sampled_risk_of_one_separation(cases: dict[str, Any], within: Within) -> None:
     entry, solution = cases["integrity_risk_separation_one_mode"], raim(cases).solution
     source = entry["inputs"]["fault_index"]
@@ -74,7 +76,7 @@ def test_sampled_risk_of_one_separation(cases: dict[str, Any], within: Within) -
         limit = row["level_m"]
         for j, (bias, name) in enumerate(((row["worst_bias_m"], "p_hmi"), (40.0, "at_bias_40"))):
             draws = sampled(case, case.biases(one(source, bias)), limit, 100_000, generator(2, i, "integrity", j))
-            assert abs(draws.probability - row[name]) < within["errors"] * draws.error, (limit, name)
+            assert abs(draws.probability - row[name]) < within["difference"] * draws.error, (limit, name)
             assert draws.effective > 1000
             assert draws.probability < row["mhss_bound"]
         direction = case.least_visible_bias(np.arange(SOURCES) == source)

@@ -43,7 +43,8 @@ def cases() -> dict[str, Any]:
     return json.loads((DATA / "integrity.json").read_text())
 
 
-@pytest.mark.validates("clock of a receiver without sources", "closed form (Brown & Hwang)", variance="1e-9")
+@pytest.mark.validates("Growth of a receiver's clock error while it receives nothing", "closed form (Brown & Hwang)",
+                       variance="1e-9 (relative)")  # fmt: skip
 def test_outage(cases: dict[str, Any], within: Within) -> None:
     given = cases["tight_outage_clock"]
     density = np.array(densities(given["h0"], given["h_minus2"]))
@@ -73,7 +74,7 @@ def test_the_clock_wanders_as_it_is_believed_to() -> None:
     assert np.all(np.abs(found - expected) < 3.9 * spread)
 
 
-@pytest.mark.validates("two sources and an unknown clock", "closed form", posterior="5e-6 m2")
+@pytest.mark.validates("Filter update by two ranges with an unknown clock", "closed form", position_variance="5e-6 m2")
 def test_two_sources(cases: dict[str, Any], within: Within) -> None:
     """Their difference is all that is seen; one source alone says where the clock is, and nothing else."""
     entry = cases["tight_two_sources"]
@@ -82,10 +83,10 @@ def test_two_sources(cases: dict[str, Any], within: Within) -> None:
     prior = np.array(given["prior_enu_m2"])
     after = seen(prior, unit_vector(azimuth, elevation), np.array(given["sigma_m"], float))
     np.testing.assert_allclose(
-        ENU @ after[:3, :3] @ ENU.T, entry["expected"]["posterior_enu_m2"], rtol=0, atol=within["posterior"]
+        ENU @ after[:3, :3] @ ENU.T, entry["expected"]["posterior_enu_m2"], rtol=0, atol=within["position_variance"]
     )
     alone = seen(prior, unit_vector(azimuth[:1], elevation[:1]), np.array([2.0]))
-    np.testing.assert_allclose(ENU @ alone[:3, :3] @ ENU.T, prior, rtol=0, atol=within["posterior"])
+    np.testing.assert_allclose(ENU @ alone[:3, :3] @ ENU.T, prior, rtol=0, atol=within["position_variance"])
     towards = ENU @ unit_vector(azimuth[:1], elevation[:1])[0]
     assert alone[15, 15] == pytest.approx(4.0 + towards @ (ENU @ prior @ ENU.T) @ towards, rel=1e-6)
 
@@ -327,7 +328,8 @@ def test_an_unreceived_system_has_no_clock() -> None:
     assert both.followed((0, 1)) == ()
 
 
-@pytest.mark.validates("Separation of a filter and one with fewer measurements", "closed form", covariances="1e-9")
+@pytest.mark.validates("Covariance of the difference between a filter and one with fewer measurements", "closed form",
+                       covariances="1e-9")  # fmt: skip
 def test_filters_with_fewer_measurements(cases: dict[str, Any], within: Within) -> None:
     """The update of navsim's filters, scalar by scalar, in the worked case; the covariance of the difference is that of
     the covariances, by the joint recursion."""

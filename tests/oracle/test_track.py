@@ -160,10 +160,9 @@ def test_heights_above_the_geoid(tmp_path: Path) -> None:
     assert sea == pytest.approx(plain, abs=1e-6)
 
 
-@pytest.mark.validates(
-    "velocities of a smoothed recorded flight", "fixed-wing flight Thor 75",
-    velocity="2.1 m/s rms an axis", place="1e-2 m",
-)  # fmt: skip
+@pytest.mark.validates("Velocities of a smoothed recorded flight",
+                       "velocities in the recording of the fixed-wing flight Thor 75", velocity="2.1 m/s rms an axis",
+                       position="1e-2 m")  # fmt: skip
 def test_a_real_flight(within: Within) -> None:
     """310 s of a small aircraft's fixes, one a second: so far apart that the curve rounds its turns off."""
     if not FLIGHT.exists():
@@ -182,7 +181,7 @@ def test_a_real_flight(within: Within) -> None:
     assert most.force < 2.0 * 9.80665
     assert np.degrees(most.rate) < 60.0
     place, _ = mechanised(trajectory, 100.0, 300.0)
-    assert np.linalg.norm(place) < within["place"]
+    assert np.linalg.norm(place) < within["position"]
 
 
 def test_a_touchdown_in_the_air(tmp_path: Path) -> None:
