@@ -182,9 +182,8 @@ def section() -> list[str]:
         "stamps (2 ms) and velocity noise. Position errors have correlation times of 60 s (differential, 0.4 m) or "
         "120 s (single point, 1.2 m). The accuracies that receivers claim are wrong by 15 %.",
         "",
-        "The first three columns are squared errors divided by variances, per axis, from 20 s after the alignment on. "
-        "Gyro, accelerometer and velocity have the least and largest tuned noise, divided by the true noise in motion; "
-        "latency has its largest error.",
+        "Position, velocity, attitude: NEES per axis, from 20 s after the alignment; 1 is right. Gyro, accelerometer, "
+        "velocity: least and largest tuned noise, divided by the true noise in motion. Latency: its largest error.",
         "",
         *table(),
         "",

@@ -184,7 +184,7 @@ def main() -> int:
         "",
         "## A small fixed-wing UAV",
         "",
-        "The flight `fw_thor75` (2012; `start_s: 150`), by navsim and an untuned filter:",
+        "A flight of 2012 (`fw_thor75`, from 150 s on), replayed by navsim and by an untuned filter:",
         "",
         "| | navsim | untuned filter |",
         "|---|---|---|",
@@ -204,8 +204,8 @@ def main() -> int:
         "",
         "## A car",
         "",
-        "The drive `comma2k19_ex1`, as `navsim import` reads it, without vertical velocity. Standard deviation of the "
-        "difference from the pose reference, after 10 s:",
+        "A drive (`comma2k19_ex1`), imported without vertical velocity. Standard deviation of the difference from the "
+        "reference, after 10 s:",
         "",
         "| | navsim | plain filter |",
         "|---|---|---|",
