@@ -32,7 +32,7 @@ REPORT = "navsim report results/landing.h5"
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, commands, the result that they make, and of its figures the names with captions."""
+    """A heading, commands, the result that they make, and of its figures the names with captions or ""."""
 
     title: str
     commands: tuple[str, ...]
@@ -42,29 +42,29 @@ class Section:
 
 SECTIONS = (
     Section("One landing", ("navsim run scenarios/landing.yaml",), "landing", {
-        "track": "The approach from above and from the side",
-        "sky": "The sky: the pseudolites are at the horizon",
-        "dop": "DOPs over time",
+        "track": "",
+        "sky": "",
+        "dop": "",
         "fixes": "Fixes: 95 % should lie in the ellipse",
         "errors": "Errors of all states should stay within ±3σ",
         "nees": "NEES and NIS should stay within their bands",
     }),
     Section("Many landings", ("navsim run scenarios/landing.yaml --runs 20 -q -o results/many.h5",), "many", {
-        "touchdown": "Each dot is a run at touchdown; the ellipses hold 50 and 95 % of a Gaussian",
-        "spread_time": "Bands with 50 and 95 % of runs over time, RMS, σ of the filter",
-        "histogram": "Distribution of the errors of 20 runs",
+        "touchdown": "",
+        "spread_time": "",
+        "histogram": "",
         "consistency": "Error over sigma (z) of each state: red if sigma is too small",
     }),
     Section("Error budget", ("navsim run scenarios/landing.yaml --method covariance",), "landing_covariance", {
-        "budget": "Which source causes which part of the error",
+        "budget": "",
     }),
     Section("Placement maps", ("navsim sweep scenarios/placement_sweep.yaml",), "placement_sweep", {
-        "pdop": "PDOP by the position of pseudolites: the star is best",
-        "fix_vertical": "The vertical error of a fix has another best position",
+        "pdop": "",
+        "fix_vertical": "The star marks the best position; that of PDOP is not that of the vertical error",
     }),
     Section("Best placements", ("navsim optimize scenarios/placement_optimum.yaml",), "placement_optimum", {
-        "plan": "Best positions for each number of pseudolites",
-        "front": "Accuracy against the number of pseudolites",
+        "plan": "",
+        "front": "",
     }),
     Section("Integrity", (
         "navsim run scenarios/landing.yaml --runs 100 --set "
@@ -75,10 +75,10 @@ SECTIONS = (
     }),
     Section("Rare events", (
         "navsim run scenarios/landing.yaml --method rare --set 'box={lateral_m: 0.8, vertical_m: 1.2}'",
-    ), "landing_rare", {"exceedance": "Probability of each size of error, down to 1e-7"}),
+    ), "landing_rare", {"exceedance": ""}),
     Section("A recorded flight", ("navsim init recorded_flight -o log.yaml", "navsim replay log.yaml"), "log", {
         "innovations": "Innovations should stay within 3σ",
-        "attitude": "Attitude with its uncertainty, and biases",
+        "attitude": "",
         "outages": "Share of simulated outages with less drift",
     }),
     Section("A companion system", ("navsim run scenarios/azimuth_tracking.yaml",), "azimuth_tracking", {
@@ -132,11 +132,13 @@ def text() -> str:
     for section in SECTIONS:
         lines += [f"## {section.title}", "", *(f"    {command}" for command in section.commands), ""]
         for name, caption in section.figures.items():
-            lines += [f"![Figure {name}](images/{section.result}_{name}.png)", "", f"{caption}.", ""]
+            lines += [f"![Figure {name}](images/{section.result}_{name}.png)", ""]
+            lines += [f"{caption}.", ""] if caption else []
     for title, commands, picture, caption in (
-        ("The report", (REPORT,), "report", "[The report](report.md): one page for any browser, figures with numbers"),
-        ("The planner", (START, PLANNER), "planner", "[The planner](planner.md): the effect of moving a pseudolite"),
-    ):
+        ("The report", (REPORT,), "report", "[The report](report.md) is one page for any browser"),
+        ("The planner", (START, PLANNER), "planner",
+         "[The planner](planner.md) shows the effect of moving a pseudolite"),
+    ):  # fmt: skip
         typed = [f"    {command}" for command in commands]
         lines += [f"## {title}", "", *typed, "", f"![{title}](images/{picture}.png)", "", f"{caption}.", ""]
     return "\n".join(lines)
