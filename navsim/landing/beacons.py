@@ -96,12 +96,12 @@ class BeaconGlide:
         """The same at some of the epochs, (n,) int or (e,) bool."""
         return replace(self, receiver=self.receiver[epochs])
 
-    def dops(self, sites: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def dops(self, sites: np.ndarray, median: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """PDOP, HDOP, VDOP by mean, smallest, largest (3, 3, p), nan without, and epochs without a solution (p,).
 
-        sites: (p, k, 3) ECEF of the beacons of each placement, m.
+        sites: (p, k, 3) ECEF of the beacons of each placement, m. median: it is the fourth, (3, 4, p).
         """
-        return self._statistics(sites, lambda away: self._variances(away, np.ones(away.shape[1:])))
+        return self._statistics(sites, lambda away: self._variances(away, np.ones(away.shape[1:])), median)
 
     def _variances(self, away: np.ndarray, weight: np.ndarray, prior: float = 0.0) -> np.ndarray:
         """`inverse_diagonal` of the ranges, for one-way ranges after their clock is eliminated."""
@@ -120,13 +120,13 @@ class BeaconGlide:
         return self._statistics(sites, variances)
 
     def _statistics(
-        self, sites: np.ndarray, variances: Callable[[np.ndarray], np.ndarray]
+        self, sites: np.ndarray, variances: Callable[[np.ndarray], np.ndarray], median: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
         """As `dops`. variances: along east, north and up (3, e, p), nan without a solution, from the vectors to the
         beacons (3, k, e, p), nan where one is not received."""
         count, each = sites.shape[:2]
         epochs, axes = len(self.receiver), enu_matrix(llh_from_ecef(self.receiver))
-        out, lost = np.full((3, 3, count), np.nan), np.full(count, float(epochs))
+        out, lost = np.full((3, 3 + median, count), np.nan), np.full(count, float(epochs))
         step = max(_AT_ONCE // max(epochs * each, 1), 1)
         for first in range(0, count if each and epochs else 0, step):
             some = sites[first : first + step].swapaxes(0, 1)
@@ -141,7 +141,19 @@ class BeaconGlide:
                 out[:, 0, part] = np.where(solved, found, 0.0).sum(axis=1) / solved.sum(axis=0)
             out[:, 1, part] = np.where(solved, found, np.inf).min(axis=1)
             out[:, 2, part] = np.where(solved, found, -np.inf).max(axis=1)
+            if median:
+                out[:, 3, part] = _median(np.where(solved, found, np.inf), solved.sum(axis=0))
         return np.where(lost < epochs, out, np.nan), lost
+
+
+def _median(values: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Median (3, p) of the smallest `count` (p,) of values (3, e, p)."""
+    ordered = np.sort(values, axis=1)
+    low, high = (
+        np.take_along_axis(ordered, np.broadcast_to(np.maximum(at, 0), (3, 1, count.size)), axis=1)[:, 0]
+        for at in ((count - 1) // 2, count // 2)
+    )
+    return 0.5 * (low + high)
 
 
 def beacon_geometry(sensor: Beacons, trajectory: Moving, time: np.ndarray) -> BeaconGeometry:

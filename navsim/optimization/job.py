@@ -126,7 +126,9 @@ def progress_text(progress: SearchProgress, unit: str, large: bool = False, quic
         if progress.best >= PENALTY_REQUIREMENT:
             best = f"requirements not met yet, the worst of them by a factor of {digits(load_of(progress.best), 4)}"
         best += f" at s, l1 {at} m"
-    remaining = "time left not known yet" if progress.remaining is None else f"at most {progress.remaining:.0f} s left"
+    remaining = "time left not known yet"
+    if progress.remaining is not None:
+        remaining = f"at this pace at most {progress.remaining:.0f} s of search left"
     return f"{progress.step or 'preparing'}: {tried}; {best}; {progress.used:.0f} s used, {remaining}"
 
 

@@ -125,7 +125,7 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
     caption = "Stars: the placement found."
     if np.isfinite(result["/map/objective"]).any():
         shown = f"{report.label(result)}, with {report.site_name(result, 0)} moved there and the others kept"
-        caption = f"Colours: {shown}; grey where that is not allowed{unmet}. {caption}"
+        caption = f"Colours: {shown}; grey where that is not allowed, or has no value{unmet}. {caption}"
         if "/map/seen" in result:
             caption += " White lines: half and all of the glide's fixes see an antenna there."
     else:
@@ -134,7 +134,7 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
     keys = [
         RUNWAY,
         Key(report.placed(result), ORANGE, "star"),
-        Key(f"not allowed{unmet}", GREY, "band"),
+        Key(f"not allowed, or no value{unmet}", GREY, "band"),
         *terrain_key(result),
     ]
     return Drawing(f"plan-{k}", title, panels, caption, keys, min(2, len(panels)))

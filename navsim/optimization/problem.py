@@ -575,12 +575,12 @@ def _of_geometry(name: str, geometry: Geometry | BeaconGlide, kept: Rules, place
 
 def of_geometry(name: str, geometry: Geometry | BeaconGlide, sites: np.ndarray) -> np.ndarray:
     """An objective of the geometry (n,) of placements (n, k, 3), ECEF, m; inf where an epoch has no solution."""
-    which = 2 if name.endswith("_max") else 0
+    which = next((i for end, i in (("_max", 2), ("_p50", 3)) if name.endswith(end)), 0)
     if name.startswith("fix_"):
         values, lost = geometry.fix_sigmas(sites)
         out = values[1 if name == "fix_horizontal" else 2, 0]
     else:
-        values, lost = geometry.dops(sites)
+        values, lost = geometry.dops(sites, which == 3) if isinstance(geometry, BeaconGlide) else geometry.dops(sites)
         out = values["phv".index(name[0]), which]
     return np.where(lost == 0, out, np.inf)
 

@@ -451,7 +451,7 @@ def plan(result: Result) -> Figure:
     unmapped = "maps not computed" + (f" (stopped: {stopped})" if stopped else "")
     legend_above(fig, axes[0], 3, f"colours: {site_name(result, 0)} moved{others}" if mapped else unmapped)
     unmet = ", or requirements not met" if "/pareto/met" in result else ""
-    grey = f"; grey: not allowed{unmet}" if mapped else ""
+    grey = f"; grey: not allowed, or no value{unmet}" if mapped else ""
     axes[-1].set_xlabel(f"beyond the threshold (= -l1), m{grey}")
     return fig
 

@@ -217,7 +217,8 @@ class Optimize(Section):
     objective: Literal[OBJECTIVES]  # type: ignore[valid-type]
     """quantity that navsim minimises: a mean or (…_max) worst DOP or sigma of a fix of the glide, an error of the
     filter, or a protection level, if all of the glide has it. It maximises level_share, the share of epochs that have
-    levels. With beacons: beacons_…, a DOP of their ranges, or an error of the filter"""
+    levels. With beacons: beacons_…, a DOP of their ranges, also its median (…_p50), which single epochs do not
+    spoil; or an error of the filter"""
     area: Area | None = None
     """area for pseudolites or beacons; give this or sites"""
     sites: ListOf[SiteChoice] = ()

@@ -205,8 +205,10 @@ def _with_beacons(result: Result, axis: str, i: int) -> Cell | str:
 
 
 def _mirror(result: Result) -> Cell | str:
-    """The mirror solution that fits the ranges best before touchdown, the first of several: how far from the aircraft,
-    and its residual."""
+    """The mirror solution that fits the ranges best before touchdown: how far away it is, when, and its residual.
+
+    It is the first of those whose residuals differ by less than a tenth of the noise of ranges.
+    """
     if "/beacons/image_residual" not in result:
         return ABSENT
     events = dict(zip(map(str, result["/truth/event"]), result["/truth/event_time"].tolist(), strict=True))
@@ -214,11 +216,13 @@ def _mirror(result: Result) -> Cell | str:
     residual = np.where(airborne, result["/beacons/image_residual"], np.nan)
     if np.isnan(residual).all():
         return "none: the beacons are not in one plane"
-    best = int(np.argmax(residual < np.nanmin(residual) + 0.005))  # first of those that fit equally well, as shown
+    alike = max(0.005, 0.1 * setting(result, "beacons", "sigma_m"))
+    best = int(np.argmax(residual < np.nanmin(residual) + alike))
     away = float(result["/beacons/image_height"][best])
     side = "above" if away > 0.0 else "below"
-    return cell("{:.0f} m {} the aircraft, fits within {:.2f} m", abs(away), side, float(residual[best]),
-                names=("distance", "side", "residual"))  # fmt: skip
+    return cell("{:.0f} m {} the aircraft at {:.1f} s, fits within {:.2f} m", abs(away), side,
+                float(result["/beacons/instant"][best]), float(residual[best]),
+                names=("distance", "side", "time", "residual"))  # fmt: skip
 
 
 def summary_table(results: list[tuple[str, Result]], every_source: bool = False) -> Table:

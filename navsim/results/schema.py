@@ -1238,7 +1238,7 @@ FILTER_QUANTITIES = {
 """Quantities of methods with a filter."""
 BEACON_QUANTITIES = {
     f"beacons_{dop}{end}": ("1", f"{dop.upper()} of the ranges to beacons, {which} over the glide")
-    for end, which in (("", "mean"), ("_max", "largest"))
+    for end, which in (("", "mean"), ("_max", "largest"), ("_p50", "median"))
     for dop in ("pdop", "hdop", "vdop")
 }
 """Quantities of scenarios with beacons, for every method."""

@@ -237,10 +237,13 @@ def validated(model: type[S], document: Document) -> S:
 
 def _without_repeats(document: Document, errors: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Errors without repeated ones about a text as a number, or a number as one of some words, for keys that accept
-    either."""
+    either; and without missing keys that an unknown preset may have."""
     words, numbers = {"literal_error"}, ("float", "int", "greater", "less", "finite", "multiple")
     out = []
+    unknown = [each["loc"][:-1] for each in errors if each["type"] in words and each["loc"][-1] == "preset"]
     for one in errors:
+        if one["type"] == "missing" and one["loc"][:-1] in unknown:
+            continue
         path = _data_path(document.data, one["loc"], absent_leaf=False)
         others = {other["type"] for other in errors if _data_path(document.data, other["loc"], False) == path}
         is_text = isinstance(_value_at(document.data, path), str)

@@ -31,22 +31,21 @@ def dop_outputs(geometry: Geometry, sites: np.ndarray) -> dict[str, np.ndarray]:
 
 def beacon_outputs(glide: BeaconGlide, sites: np.ndarray) -> dict[str, np.ndarray]:
     """The outputs of beacons for placements (p, k, 3), ECEF m: each (p,)."""
-    dops, _ = glide.dops(sites)
-    return dict(zip(BEACON_OUTPUTS, [*dops[:, 0], *dops[:, 2]], strict=True))
+    dops, _ = glide.dops(sites, median=True)
+    return dict(zip(BEACON_OUTPUTS, [*dops[:, 0], *dops[:, 2], *dops[:, 3]], strict=True))
 
 
 def landing_outputs(summary: ResultBuilder, lost: int) -> dict[str, float]:
     """Outputs of a landing from its result; lost: epochs of the glide without a fix."""
 
-    def of_dops(group: str) -> list[float]:
-        """Means, then largest values."""
+    def of_dops(group: str, *statistics: int) -> list[float]:
         dops = [summary[f"/summary/{group}/{name}"] for name in ("pdop", "hdop", "vdop")]
-        return [float(d[i]) for i in (0, 2) for d in dops]
+        return [float(d[i]) for i in statistics for d in dops]
 
     sigmas = [float(summary[f"/summary/fix/rms_{name}"][0]) for name in ("horizontal", "vertical")]
-    out = dict(zip(DOP_OUTPUTS, [*of_dops("dop"), *sigmas, float(lost)], strict=True))
+    out = dict(zip(DOP_OUTPUTS, [*of_dops("dop", 0, 2), *sigmas, float(lost)], strict=True))
     if "/summary/beacons/pdop" in summary:
-        out |= dict(zip(BEACON_OUTPUTS, of_dops("beacons"), strict=True))
+        out |= dict(zip(BEACON_OUTPUTS, of_dops("beacons", 0, 2, 3), strict=True))
     return out
 
 

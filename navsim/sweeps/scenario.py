@@ -162,7 +162,7 @@ class Sweep(Section):
     # mypy knows no choice of names that are computed
     outputs: DistinctListOf[Literal[(*OUTPUTS, REQUIREMENTS)]] = ()  # type: ignore[valid-type]
     """outputs to store; default: all that the method gives of geometry and filter. To be named: those of the
-    integrity monitor (hpl_p95 to hmi), of beacons (beacons_pdop to beacons_vdop_max), of total system errors and ends
+    integrity monitor (hpl_p95 to hmi), of beacons (beacons_pdop to beacons_vdop_p50), of total system errors and ends
     of runs (lateral_total_touchdown to go_around). Also verdicts on the base scenario's requirements"""
     runs: Annotated[int, Field(ge=1, le=100_000_000)] = 100
     """Monte Carlo runs a combination"""

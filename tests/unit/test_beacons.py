@@ -23,7 +23,7 @@ from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.optimization.problem import problem
 from navsim.optimization.report import tables
 from navsim.optimization.scenario import Optimize
-from navsim.optimization.study import optimize_result, other_dop_warnings, solve
+from navsim.optimization.study import dop_warnings, in_the_way, optimize_result, solve
 from navsim.report.table import Table
 from navsim.results.result import read
 from navsim.scenario.load import read_study
@@ -258,10 +258,20 @@ def test_a_search_chooses_the_best_sites(tmp_path: Path) -> None:
     assert found.tolist() == [list(map(float, places[k])) for k in best]
     names = [row.cells[1] for table in tables(result) if isinstance(table, Table) for row in table.rows]
     assert {"B1", "B2", "B3"} <= set(map(str, names))
-    left_out = {"beacons_hdop": np.array([25.0]), "beacons_vdop": np.array([9.0])}
-    assert other_dop_warnings(posed, ["3 beacons"], [{name: result[f"/optimum/{name}"] for name in left_out}]) == []
-    (warned,) = other_dop_warnings(posed, ["3 beacons"], [left_out])
-    assert warned == "3 beacons: HDOP is 25 there, since beacons_vdop does not ask for it; minimise beacons_pdop"
+    epochs = len(posed.beacons.receiver)
+    left_out = {"beacons_hdop": 25.0, "beacons_vdop": 9.0, "beacons_vdop_max": 2.0 * epochs, "beacons_vdop_p50": 7.0}
+    (own,) = dop_warnings(posed, ["3 beacons"], [{name: result[f"/optimum/{name}"] for name in left_out}])
+    assert own.startswith(f"3 beacons: one of {epochs} epochs gives 31 % of the mean beacons_vdop")
+    warned, spoilt = dop_warnings(posed, ["3 beacons"], [{name: np.array([one]) for name, one in left_out.items()}])
+    assert warned == "3 beacons: HDOP is 25 there, since beacons_vdop does not ask for it; minimise beacons_pdop_p50"
+    assert spoilt.startswith(f"3 beacons: one of {epochs} epochs gives 22 % of the mean beacons_vdop: {2 * epochs}, ")
+    at = llh_from_ecef(posed.rules.receiver)
+    s, l1 = posed.rules.plane.places(at[epochs // 2])
+    up = at[epochs // 2, 2] - posed.rules.plane.threshold[2]
+    beside = np.array([[s + 30.0, l1, up + 8.0], [s + 30.0, l1, up - 8.0], [s - 90.0, l1, up + 8.0], [s, -50.0, 99.0]])
+    (way,) = in_the_way(posed.rules, "4 beacons", beside)
+    assert "strike a mast: number 1 rises 8 m above the glide, 30 m off it; keep them lower" in way
+    assert in_the_way(posed.rules, "3 beacons", beside[1:]) == []
     (text,) = write_kml(result, tmp_path / "best").values()
     assert all(f"<name>B{k} of 3</name>" in text for k in (1, 2, 3))
 
@@ -452,7 +462,7 @@ def test_a_flat_layout_is_warned_of_and_shown(tmp_path: Any) -> None:
     assert result["/beacons/image_height"][0] == pytest.approx(-2.0 * height[0], rel=0.05)
     assert np.nanmax(result["/beacons/image_residual"]) < 0.05
     assert "When may height be trusted?" in done.stdout
-    assert re.search(r"mirror solution of the ranges +\d+ m below the aircraft, fits within 0.0", done.stdout)
+    assert re.search(r"mirror solution of the ranges +\d+ m below the aircraft at 1.0 s, fits within 0.0", done.stdout)
 
 
 def test_sigmas_without_beacons_are_those_of_a_landing_without() -> None:

@@ -56,6 +56,9 @@ LANDING = SCENARIOS / "landing.yaml"
          "allowed: monitored, unmonitored"),
         ("integrity.limits={operation: CAT-II, tta_s: 6}",
          "integrity.limits.operation: 'CAT-II' is not allowed; allowed: NPA, APV-I, APV-II, LPV-200, CAT-I, GBAS-D"),
+        ("beacons={preset: longrange, sites: [{s_m: 0, l1_m: 0}], rate_hz: 4, range_limit_m: 900}",
+         "beacons.preset: 'longrange' is not allowed; did you mean 'long-range'? allowed: none, uwb, sx1280, "
+         "radio-868, radio-915, long-range"),
         ("sky.source=galileo", "sky.source: 'galileo' is not allowed; did you mean 'nominal-galileo'? allowed: "
          "nominal-glonass, nominal-gps, nominal-galileo, nominal-beidou, nominal-qzss, nominal, almanac, navigation, "
          "orbits, directions"),
