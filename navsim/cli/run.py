@@ -47,8 +47,8 @@ class RunOptions:
         number_option(
             int,
             1,
-            "Number of runs. Default: 1; with --method rare as many as bring the standard error of the probability to "
-            "20 % of it; for a companion paper's system the scenario's number.",
+            "Number of runs. Default: 1; with --method rare until the 95 % interval is within 20 % of the "
+            "probability on both sides, 20 000 at most; for a companion paper's system the scenario's number.",
         ),
     ] = None
     until: Annotated[

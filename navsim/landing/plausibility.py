@@ -46,6 +46,7 @@ def implausible(scenario: Landing, trajectory: Moving) -> list[str]:
     return [
         *_lever_arms(scenario), *_drifts(scenario), *_speeds(scenario), *_wind(scenario, trajectory),
         *_undulation(scenario, trajectory), *_free_clocks(scenario), *_beacons(scenario), *_repeated_noise(scenario),
+        *_errors_beyond_levels(scenario),
     ]  # fmt: skip
 
 
@@ -86,11 +87,27 @@ def _repeated_noise(scenario: Landing) -> Iterator[str]:
     section = scenario.integrity
     if section is None or section.method != "mhss" or section.effective_samples > 1.0:
         return
-    if scenario.receiver.smoothing_s < EXPOSURE:
+    smoothing = scenario.receiver.smoothing_s
+    if smoothing < EXPOSURE:
+        alert = 0.0 if section.limits is None else section.limits.tta_s
+        apart, where = max(alert, smoothing), "here "
+        if apart == 0.0:
+            apart, where = 6.0, "with white noise and 6 s to alert "
         yield (
             "integrity.effective_samples: levels allow for one independent error an approach. The noise of ranges has "
-            "more: the operation's exposure over the larger of time to alert and receiver.smoothing_s, for LPV "
-            f"{EXPOSURE:g} s / 6 s = 25. Set this number; with 1 the levels are too low"
+            "more: the operation's exposure over the larger of time to alert and receiver.smoothing_s, "
+            f"{where}{EXPOSURE:g} s / {apart:g} s = {EXPOSURE / apart:.0f}. Set this number; with 1 the levels are too low"
+        )
+
+
+def _errors_beyond_levels(scenario: Landing) -> Iterator[str]:
+    """Levels of a scenario with errors that no level contains."""
+    section, signals = scenario.integrity, scenario.signals
+    last = [f"signals.{key}" for key in ("ephemeris", "ionosphere") if getattr(signals, key) is not None]
+    if section is not None and last:
+        yield (
+            f"integrity: no level contains the errors of {' and '.join(last)}, so the levels are too low. Declare "
+            "their size by signals.errors instead, which levels of mhss contain"
         )
 
 

@@ -69,6 +69,8 @@ class Fulfilment:
     with_runs: Callable[[int], np.ndarray] | None = None
     """Expected interval of so many runs like these."""
     utilisation: float = math.nan
+    plain: np.ndarray | None = None
+    """Value (3,) of the runs alone, if `value` is by control variates."""
 
     def verdict(self, value: np.ndarray | None = None) -> str:
         """Verdict on the value, or on another value (3,)."""
@@ -194,6 +196,9 @@ def judged(
     draft[f"{branch}/size"] = np.array([getattr(one, "below_m", math.nan) for one in asked])
     draft[f"{branch}/verdict"] = np.array([one.verdict() for one in found], dtype=object)
     draft[f"{branch}/more_runs"] = np.array([one.more(runs) for one in found])
+    draft[f"{branch}/plain_value"] = np.stack([UNKNOWN if one.plain is None else one.plain for one in found])
+    plain = ["" if one.plain is None else one.verdict(one.plain) for one in found]
+    draft[f"{branch}/plain_verdict"] = np.array(plain, dtype=object)
 
 
 def _found(one: AnySingle, draft: ResultBuilder, case: Case, runs: int, moments: Moments | None) -> Fulfilment:
@@ -243,7 +248,9 @@ def _by_control(one: AnySingle, plain: Fulfilment, controls: Controls, runs: int
         found = controls.rms(one.of)
     else:
         return plain
-    return replace(plain, value=found.value, with_runs=lambda n: found.with_runs(runs, n)) if found.helps else plain
+    if not found.helps:
+        return plain
+    return replace(plain, value=found.value, plain=plain.value, with_runs=lambda n: found.with_runs(runs, n))
 
 
 def _statement(one: AnySingle) -> tuple[str, float, bool]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -37,6 +38,9 @@ def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
         table.add("  levels, alarms and risks are those of", *(_monitored(result) for _, result in results))
     for statement in dict.fromkeys(str(text) for result in asked for text in result[f"{branch}/statement"]):
         table.add(f"  {statement}", *(_verdict(result, statement) for _, result in results))
+        plain = [_verdict(result, statement, "plain_") for _, result in results]
+        if any(each != ABSENT for each in plain):
+            table.add("    by the runs alone", *plain)
 
 
 def _found(result: Result) -> str:
@@ -56,15 +60,20 @@ def verdicts(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
     return [out] if out.rows else []
 
 
-def _verdict(result: Result, statement: str) -> Cell | str:
+def _verdict(result: Result, statement: str, of: str = "") -> Cell | str:
+    """A verdict on a requirement; of: "plain_" for that of the runs alone, if the other is by control variates."""
     branch = "/summary/requirements"
-    text = [] if f"{branch}/verdict" not in result else [str(text) for text in result[f"{branch}/statement"]]
+    text = [] if f"{branch}/{of}verdict" not in result else [str(text) for text in result[f"{branch}/statement"]]
     if statement not in text:
         return ABSENT
     i = text.index(statement)
-    word, more = str(result[f"{branch}/verdict"][i]), float(result[f"{branch}/more_runs"][i])
-    method = str(result.attributes["method"])
-    return verdict_cell(statement, word, result[f"{branch}/value"][i], more, single(result), method)
+    word, interval = str(result[f"{branch}/{of}verdict"][i]), result[f"{branch}/{of}value"][i]
+    if not word:
+        return ABSENT
+    more = float("nan") if of else float(result[f"{branch}/more_runs"][i])
+    out = verdict_cell(statement, word, interval, more, single(result), str(result.attributes["method"]))
+    controlled = not of and f"{branch}/plain_verdict" in result and str(result[f"{branch}/plain_verdict"][i])
+    return replace(out, pattern=f"{out.pattern}, by control variates") if controlled else out
 
 
 def verdict_cell(

@@ -939,6 +939,9 @@ _REQUIREMENTS = Chapter(
             ("verdict", "requirement", "1", "met, not met or undecided, by the interval", TEXT),
             ("more_runs", "requirement", "1", "number of further runs for a decision, if they are like these; nan if "
                "none would be enough, or if it is decided", NUMBER),
+            ("plain_value", "requirement interval", "1", "value of the runs alone, if `value` is by control variates; "
+             "nan otherwise", NUMBER),
+            ("plain_verdict", "requirement", "1", "verdict by `plain_value`; empty without it", TEXT),
         )
     ),
 )  # fmt: skip

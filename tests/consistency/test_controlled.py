@@ -78,6 +78,7 @@ def test_results_take_the_narrower_interval(made: Result) -> None:
     asked = made["/summary/requirements/value"]
     np.testing.assert_array_equal(asked[0], made["/summary/controlled/rms/vertical"])
     np.testing.assert_array_equal(asked[2], made["/summary/controlled/box/probability"])
+    np.testing.assert_array_equal(made["/summary/requirements/plain_value"][0], made["/summary/rms/vertical"])
     assert asked[1, 0] != pytest.approx(np.mean(np.abs(made["/summary/at/vertical_run"][:, 0]) < 3.0), abs=1e-12)
     outputs = filter_outputs(made)
     assert outputs["vertical"] == made["/summary/controlled/rms/vertical"][0]
@@ -94,6 +95,10 @@ def test_the_table_has_both(made: Result) -> None:
     shown = [float(each) for each in re.findall(r"\d+\.\d+", rows["vertical, 20 s"])[:3]]
     assert shown == pytest.approx([value, low, high], abs=0.05 * (high - low))  # two digits of half the interval
     assert max(len(f"{name:<40} {text}") for name, text in rows.items() if ", 20 s" in name) <= 80
+    assert rows["vertical RMS error before touchdown below 3 m"].endswith("], by control variates")
+    plain = [str(row.cells[1]) for row in table.rows if str(row.cells[0]).strip() == "by the runs alone"]
+    value, low, high = made["/summary/rms/vertical"]
+    assert plain[0].endswith(f": {value:.4g}  [{low:.4g}, {high:.4g}]")
     assert as_good_as(made, 1e4) == "1.3 million"
     assert as_good_as(made, 123.0) == "16 000"
 

@@ -83,6 +83,8 @@ def test_a_file_is_read_as_whoever_flies_does(tmp_path: Path) -> None:
          "sky.exclude: R05 (glonass), R07 (glonass): not used anyway, systems are gps"),
         (["integrity={method: mhss, p_constellations: {gps: 1e-5}}"], "the sky has none of them"),
         (["integrity={method: mhss, p_constellation: 1.0e-8}"], "levels allow for one independent error an approach"),
+        (["integrity={method: mhss, limits: {operation: APV-I, tta_s: 10}}"], "here 150 s / 10 s = 15"),
+        (["integrity={method: chi2}", "signals.ephemeris={}"], "no level contains the errors of signals.ephemeris,"),
         (["receiver.antenna={elevation_deg: [-90, 90], gain_dbi: [0, 0], mask_deg: 20}"], "the aircraft shadows PL1"),
         (["signals.system_offsets_ns={galileo: 3}"], "no source keeps the time of galileo"),
     ],
