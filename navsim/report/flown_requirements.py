@@ -19,7 +19,8 @@ def flown_requirements(result: Result, title: str, columns: Sequence[str]) -> li
     """A row for each requirement, a column for each of the flown; none without requirements or runs."""
     if f"{_BRANCH}/verdict" not in result:
         return []
-    out = Table(f"{title}, by runs (verdict: value [95 %], by control variates where narrower)", ("requirement", *columns))
+    found_by = "by runs (verdict: value [95 %], by control variates where narrower)"
+    out = Table(f"{title}, {found_by}", ("requirement", *columns))
     for k, statement in enumerate(result[f"{_BRANCH}/statement"]):
         found = (result[f"{_BRANCH}/{name}"][:, k] for name in ("verdict", "value", "more_runs"))
         cells = (
