@@ -96,7 +96,8 @@ def _repeated_noise(scenario: Landing) -> Iterator[str]:
         yield (
             "integrity.effective_samples: levels allow for one independent error an approach. The noise of ranges has "
             "more: the operation's exposure over the larger of time to alert and receiver.smoothing_s, "
-            f"{where}{EXPOSURE:g} s / {apart:g} s = {EXPOSURE / apart:.0f}. Set this number; with 1 the levels are too low"
+            f"{where}{EXPOSURE:g} s / {apart:g} s = {EXPOSURE / apart:.0f}. Set this number; with 1 the levels are too "
+            "low"
         )
 
 
