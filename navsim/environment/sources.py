@@ -19,7 +19,7 @@ from navsim.geodesy.earth import STANDARD_GRAVITY
 from navsim.gnss.constellations.systems import CLOCKS, SYSTEMS
 from navsim.gnss.events import BEACONS, EVERY, PSEUDOLITES
 from navsim.gnss.ground_accuracy import TABLES
-from navsim.gnss.signals import Environment, Satellites, time_scales
+from navsim.gnss.signals import Satellites, SignalScenario, time_scales
 from navsim.results import files
 from navsim.scenario.approach import FileApproach, TrackApproach
 from navsim.scenario.events import RangeSection
@@ -186,7 +186,7 @@ def files_of(scenario: Landing) -> dict[str, str]:
 
 def environment(
     scenario: Landing, document: Document, trajectory: Moving | None = None
-) -> tuple[Environment, Landing, list[str]]:
+) -> tuple[SignalScenario, Landing, list[str]]:
     """The sources of signals, the scenario with the checksums of its files and the time scale of its pseudolites
     written into it, warnings.
 
@@ -210,7 +210,7 @@ def environment(
     ground = scenario.signals.errors.ground_station
     receivers = 1 if ground is None else ground.receivers
     warnings += about_heights + check_ground(scenario, document, trajectory, terrain)
-    sources = Environment(
+    sources = SignalScenario(
         satellites,
         listed,
         scenario.sky.mask(horizon),
@@ -242,7 +242,7 @@ def environment(
     return sources, scenario, warnings
 
 
-def _check_events(scenario: Landing, document: Document, sources: Environment) -> None:
+def _check_events(scenario: Landing, document: Document, sources: SignalScenario) -> None:
     """Raise InputError for sources of events that are none, and for satellites that a ground station corrects and has
     no table of errors for."""
     known = {EVERY, PSEUDOLITES, *sources.systems, *sources.pseudolites.names}
@@ -271,7 +271,7 @@ def _check_events(scenario: Landing, document: Document, sources: Environment) -
         raise InputError(problems)
 
 
-def _excluded_elsewhere(scenario: Landing, document: Document, sources: Environment) -> list[str]:
+def _excluded_elsewhere(scenario: Landing, document: Document, sources: SignalScenario) -> list[str]:
     """Warning about excluded satellites of unused systems. Raises InputError for those that the sky's source does not
     have."""
     sky, problems, elsewhere = scenario.sky, [], []

@@ -97,16 +97,16 @@ class Signals:
     """(e,) age of the corrections for satellites, s, inf where none are in use; None without a station."""
     losses: LossesByRun | None = None
     """Corrections for runs that lose other messages; None where no link loses any."""
-    lasting_weights: np.ndarray | None = None
+    filter_fix_sigma: np.ndarray | None = None
     """(2, e, s) 1 sigma that weight ranges, m, and range rates, m/s, in the fixes of the filter, see
     `simulation.correlated_errors.fix_weights`; None: as in those of the receiver."""
 
     @property
     def of_filter(self) -> Signals:
         """Signals with the weights of the filter's fixes as 1 sigma of fixes."""
-        if self.lasting_weights is None:
+        if self.filter_fix_sigma is None:
             return self
-        return replace(self, fix_sigma=self.lasting_weights[0], fix_rate_sigma=self.lasting_weights[1])
+        return replace(self, fix_sigma=self.filter_fix_sigma[0], fix_rate_sigma=self.filter_fix_sigma[1])
 
     @property
     def noise_sigma(self) -> np.ndarray:
@@ -156,10 +156,10 @@ class Signals:
         }
         correlated = None if self.correlated is None else self.correlated.at(epochs)
         reflections = None if self.reflections is None else self.reflections.at(epochs)
-        weights = None if self.lasting_weights is None else self.lasting_weights[:, epochs]
+        weights = None if self.filter_fix_sigma is None else self.filter_fix_sigma[:, epochs]
         losses = None if self.losses is None else self.losses.at(epochs)
         return replace(
-            self, js=self.js[:, epochs], correlated=correlated, reflections=reflections, lasting_weights=weights,
+            self, js=self.js[:, epochs], correlated=correlated, reflections=reflections, filter_fix_sigma=weights,
             losses=losses, **each,
         )  # fmt: skip
 
@@ -178,7 +178,7 @@ class Signals:
             offset=None if self.offset is None else self.offset[kept],
             wandering=None if self.wandering is None else self.wandering.select(kept),
             transmitters=None if self.transmitters is None else self.transmitters.select(kept),
-            lasting_weights=None if self.lasting_weights is None else self.lasting_weights[:, :, kept],
+            filter_fix_sigma=None if self.filter_fix_sigma is None else self.filter_fix_sigma[:, :, kept],
             losses=None if self.losses is None else self.losses.select(kept),
             **each,
         )

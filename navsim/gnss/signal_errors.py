@@ -66,7 +66,7 @@ class GroundAir:
 
 
 @dataclass(frozen=True)
-class Space:
+class SignalInSpaceErrors:
     """1 sigma of satellite orbits, radial, along, across (3,) m, and of satellite clocks, m; constant over a run."""
 
     orbit: np.ndarray
@@ -74,7 +74,7 @@ class Space:
 
 
 @dataclass(frozen=True)
-class Reference:
+class DifferentialStation:
     """A station at a known place that sends corrections for satellites."""
 
     llh: np.ndarray
@@ -97,8 +97,8 @@ class Effects:
     ionosphere: Ionosphere | None = None
     troposphere: Troposphere | None = None
     ground_air: GroundAir | None = None
-    space: Space | None = None
-    reference: Reference | None = None
+    space: SignalInSpaceErrors | None = None
+    reference: DifferentialStation | None = None
     loop: dll.CodeLoop = STANDARD_LOOP
     thermal: bool = False
     """Noise of satellite ranges is that of the code loop at their carrier to noise density."""
@@ -121,11 +121,11 @@ class Effects:
     """Time constant of the carrier-smoothed code, s."""
     correlated: tuple[CorrelatedError | GroundStationError, ...] = ()
     """Time-correlated errors of satellites in the pseudoranges that the receiver uses."""
-    heavier: HeavyTailedNoise | None = None
+    noise_distribution: HeavyTailedNoise | None = None
     """Distribution of the ranging noise if it is not Gaussian."""
 
     @property
-    def placed(self) -> bool:
+    def depends_on_pseudolite_sites(self) -> bool:
         """Whether it depends on the station's place which satellites are used: it has no troposphere to correct of
         those below its own horizon. Or on places of pseudolites whether corrections arrive."""
         return self.reference is not None and (self.troposphere is not None or self.reference.link is not None)
@@ -159,7 +159,9 @@ def propagation(
     return ionosphere + troposphere, ionosphere
 
 
-def space_sensitivity(space: Space, unit: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+def space_sensitivity(
+    space: SignalInSpaceErrors, unit: np.ndarray, position: np.ndarray, velocity: np.ndarray
+) -> np.ndarray:
     """Change of the pseudoranges (e, s, 4), m, by one sigma of each orbit error and of the clock error.
 
     unit: (e, s, 3) receiver to satellite, ECEF. position, velocity: (e, s, 3) ECEF.

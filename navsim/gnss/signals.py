@@ -46,7 +46,7 @@ class Satellites:
 
 
 @dataclass(frozen=True)
-class Listed:
+class FixedDirectionSources:
     """Sources in fixed directions: azimuth, elevation (s,) rad, clock (s,) int, chosen (s,) bool."""
 
     names: tuple[str, ...]
@@ -56,9 +56,9 @@ class Listed:
     chosen: np.ndarray
 
 
-def time_scales(satellites: Sequence[Satellites], listed: Listed | None) -> set[str]:
+def time_scales(satellites: Sequence[Satellites], listed: FixedDirectionSources | None) -> set[str]:
     """The time scales that chosen sources in the sky keep."""
-    groups: list[Satellites | Listed] = [*satellites, *([] if listed is None else [listed])]
+    groups: list[Satellites | FixedDirectionSources] = [*satellites, *([] if listed is None else [listed])]
     return {CLOCKS[number] for group in groups for number in group.clock[group.chosen]}
 
 
@@ -116,11 +116,11 @@ class ErrorLaw:
 
 
 @dataclass(frozen=True)
-class Environment:
+class SignalScenario:
     """All sources of signals, their errors, obstacles, events and jammers, and the receiving antenna."""
 
     satellites: tuple[Satellites, ...]
-    listed: Listed | None
+    listed: FixedDirectionSources | None
     mask: Mask
     pseudolites: Pseudolites
     law: ErrorLaw
@@ -137,10 +137,10 @@ class Environment:
     """Height above the ellipsoid of the smooth Earth that hides sources, m."""
 
     @property
-    def placed(self) -> bool:
+    def depends_on_pseudolite_sites(self) -> bool:
         """Whether other signals, or the quality of a visible pseudolite's signal, depend on the positions of
         pseudolites."""
-        return self.effects.placed or self.strength_placed or self.smoothing_placed
+        return self.effects.depends_on_pseudolite_sites or self.strength_placed or self.smoothing_placed
 
     @property
     def sight_placed(self) -> bool:
@@ -162,7 +162,7 @@ class Environment:
         return differs and (self.jamming is not None or self.effects.thermal_pseudolites)
 
     @property
-    def by_directions(self) -> Environment:
+    def by_directions(self) -> SignalScenario:
         """The environment with all dependence on pseudolite positions removed, except for directions."""
         station = self.effects.reference
         station = None if station is None else replace(station, link=None)
@@ -287,7 +287,7 @@ def antenna_motion(motion: Motion, lever_arm: np.ndarray) -> tuple[np.ndarray, n
     return antenna_ecef(motion, lever_arm), motion.velocity_ecef + np.einsum("nji,nj->ni", c_ne, swing)
 
 
-def true_positions(environment: Environment, position: np.ndarray) -> np.ndarray:
+def true_positions(environment: SignalScenario, position: np.ndarray) -> np.ndarray:
     """True positions of sources (e, s, 3), ECEF, m, from those in the receiver's data, pseudolites last."""
     out, pseudolites = position.copy(), environment.pseudolites
     for i, llh in enumerate(pseudolites.llh):
@@ -295,7 +295,7 @@ def true_positions(environment: Environment, position: np.ndarray) -> np.ndarray
     return out
 
 
-def build_signals(motion: Motion, utc: float, environment: Environment) -> pseudorange.Signals:
+def build_signals(motion: Motion, utc: float, environment: SignalScenario) -> pseudorange.Signals:
     """All sources at the times of `motion`, s after `utc` (POSIX s), seen from the antenna; see
     `pseudorange.Signals`."""
     e = motion.time.size
@@ -406,7 +406,11 @@ class UndefinedSignal(Defect):
 
 
 def _affected(
-    signals: pseudorange.Signals, when: np.ndarray, motion: Motion, environment: Environment, is_pseudolite: np.ndarray
+    signals: pseudorange.Signals,
+    when: np.ndarray,
+    motion: Motion,
+    environment: SignalScenario,
+    is_pseudolite: np.ndarray,
 ) -> pseudorange.Signals:
     """The signals with all effects of the environment; when: (e,) GPS s, motion: of the receiver, is_pseudolite:
     (s,)."""
@@ -546,7 +550,11 @@ def _affected(
 
 
 def _messages(
-    signals: pseudorange.Signals, when: np.ndarray, motion: Motion, environment: Environment, is_pseudolite: np.ndarray
+    signals: pseudorange.Signals,
+    when: np.ndarray,
+    motion: Motion,
+    environment: SignalScenario,
+    is_pseudolite: np.ndarray,
 ) -> tuple[CorrectionMessages | None, np.ndarray]:
     """Messages of the station's link, None without one, and which of them the nominal flight loses; arguments as of
     `_affected`.
@@ -565,7 +573,7 @@ def _messages(
 
 
 def _corrections(
-    signals: pseudorange.Signals, environment: Environment, gpst: np.ndarray, rows: np.ndarray, ratio2: np.ndarray,
+    signals: pseudorange.Signals, environment: SignalScenario, gpst: np.ndarray, rows: np.ndarray, ratio2: np.ndarray,
     is_pseudolite: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray]:  # fmt: skip
     """What a station measures at times (m,), GPS s, rows (m,) of epochs.
@@ -617,7 +625,7 @@ def _calibrations(pseudolites: Pseudolites, towards: np.ndarray) -> np.ndarray:
     return out
 
 
-def _drawn_offsets(environment: Environment, clock: np.ndarray) -> np.ndarray | None:
+def _drawn_offsets(environment: SignalScenario, clock: np.ndarray) -> np.ndarray | None:
     """`Signals.offset` of sources by their time scales (s,), for all systems of the sky except the first."""
     sky = {CLOCKS.index(name) for name in environment.systems if name not in (PSEUDOLITES, OWN)}
     drawn = sorted(sky)[1:]
@@ -627,7 +635,7 @@ def _drawn_offsets(environment: Environment, clock: np.ndarray) -> np.ndarray | 
 
 
 def _gains(
-    environment: Environment, c_eb: np.ndarray, towards: np.ndarray, elevation: np.ndarray
+    environment: SignalScenario, c_eb: np.ndarray, towards: np.ndarray, elevation: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gains of the aircraft's antenna (e, s), dB: towards satellites as it changes their carrier to noise density,
     which is stated of the zenith, and towards pseudolites, over an isotropic one.

@@ -19,7 +19,7 @@ from navsim.geodesy.earth import FOOT
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.fix_states import FIXED
 from navsim.gnss.interference.horizon import behind
-from navsim.gnss.signals import Environment, Pseudolites
+from navsim.gnss.signals import Pseudolites, SignalScenario
 from navsim.landing.beacons import BeaconGeometry, beacon_geometry, curvature_warnings
 from navsim.landing.faults import watching
 from navsim.landing.preflight import PreflightChecks, modelled
@@ -60,7 +60,7 @@ class Case:
 
     scenario: Landing
     trajectory: Moving
-    environment: Environment
+    environment: SignalScenario
     flight: Flight
     sky_warnings: list[str] = field(default_factory=list)
 
@@ -240,7 +240,7 @@ class Case:
         return position_covariance(self.flight, np.isin(self.shared.signals.names, self.pseudolites.names))
 
 
-Ask = Callable[[Landing, Environment], None]
+Ask = Callable[[Landing, SignalScenario], None]
 """Receives a scenario and its sources of signals before any large allocation; raises to stop."""
 
 
@@ -257,7 +257,7 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
 
 
 def case_of(
-    scenario: Landing, trajectory: Moving, sources: Environment, shared: SharedTruth, warnings: Sequence[str] = ()
+    scenario: Landing, trajectory: Moving, sources: SignalScenario, shared: SharedTruth, warnings: Sequence[str] = ()
 ) -> Case:
     """The case of a scenario over its simulation inputs."""
     gyro, accel = scenario.imu.triads()
@@ -267,7 +267,7 @@ def case_of(
     return Case(scenario, trajectory, sources, flight, [*warnings])
 
 
-def world_of(scenario: Landing, trajectory: Moving, sources: Environment) -> SharedTruth:
+def world_of(scenario: Landing, trajectory: Moving, sources: SignalScenario) -> SharedTruth:
     """Simulation inputs that all runs of a scenario share, from its duration, rates and receiver."""
     return build_shared_truth(
         trajectory,

@@ -8,7 +8,7 @@ from navsim.compiler.lanes import WIDTH
 from navsim.filter.states import MAX_MEASUREMENT_SIZE, clock_states
 from navsim.gnss.constellations.systems import OWN
 from navsim.gnss.events import PSEUDOLITES
-from navsim.gnss.signals import Environment
+from navsim.gnss.signals import SignalScenario
 from navsim.integrity.fix_exclusion import MOST_KEPT, STRETCH
 from navsim.landing.ensemble import HISTORIES, history_bytes
 from navsim.landing.simulation_size import ANALYSED_MEMORY, SAMPLE_MEMORY, SIGNAL_MEMORY, simulation_size
@@ -111,7 +111,7 @@ class Extent:
         }  # fmt: skip
 
 
-def extent(scenario: Landing, sources: Environment) -> Extent:
+def extent(scenario: Landing, sources: SignalScenario) -> Extent:
     """The numbers of a scenario under a sky."""
     size = simulation_size(scenario, sources)
     fixes, names = size.epochs, size.sources
@@ -156,7 +156,7 @@ def extent(scenario: Landing, sources: Environment) -> Extent:
 
 
 def estimate_landing(
-    scenario: Landing, sources: Environment, runs: int = 1, keep: str = "all", workers: int = 1, remote: bool = False
+    scenario: Landing, sources: SignalScenario, runs: int = 1, keep: str = "all", workers: int = 1, remote: bool = False
 ) -> Budget:
     """Estimate for a landing by its own method; runs, keep, workers: only for Monte Carlo.
 
@@ -315,7 +315,7 @@ def _common_bytes(scenario: Landing, sizes: Extent) -> float:
     return result
 
 
-def further(scenario: Landing, sources: Environment) -> int:
+def further(scenario: Landing, sources: SignalScenario) -> int:
     """Sources of error besides `SOURCES` in the covariance analysis of a scenario under a sky."""
     gyro, accel = scenario.imu.triads()
     pseudolites, signals, sensors = scenario.pseudolites, scenario.signals, scenario.aiding()
@@ -335,7 +335,7 @@ def further(scenario: Landing, sources: Environment) -> int:
     )
 
 
-def _analysed(scenario: Landing, sources: Environment, sizes: Extent) -> Budget:
+def _analysed(scenario: Landing, sources: SignalScenario, sizes: Extent) -> Budget:
     """A covariance analysis."""
     outputs = sizes.epochs + 1
     errors = 1 + len(SOURCES) + further(scenario, sources)  # and the systematic ones

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from navsim.gnss.signals import Environment
+from navsim.gnss.signals import SignalScenario
 from navsim.integrity.araim import Allocation
 from navsim.integrity.gbas_station import GbasStation
 from navsim.integrity.innovations import InnovationTest
@@ -16,7 +16,7 @@ from navsim.scenario_files.base import DEG
 from navsim.simulation.filter_bank import FilterBank
 
 
-def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
+def watching(scenario: Landing, sources: SignalScenario) -> Monitoring | None:
     """Monitor of a scenario; importance sampling has none."""
     section = scenario.integrity
     if section is None or scenario.method == "rare":
@@ -55,7 +55,7 @@ def watching(scenario: Landing, sources: Environment) -> Monitoring | None:
     )  # fmt: skip
 
 
-def _station(scenario: Landing, sources: Environment) -> GbasStation | None:
+def _station(scenario: Landing, sources: SignalScenario) -> GbasStation | None:
     """Ground station whose B values runs draw, None without."""
     asked, ground = scenario.integrity, scenario.signals.errors.ground_station
     section = None if asked is None or asked.comparison is None else asked.comparison.gbas
@@ -75,7 +75,7 @@ def _groups(section: IntegritySection, *kinds: tuple[str, ...]) -> tuple[GroundG
     return tuple(GroundGroup(members=names) for names in kinds if len(names) > 1)
 
 
-def _systems(sources: Environment) -> dict[str, tuple[str, ...]]:
+def _systems(sources: SignalScenario) -> dict[str, tuple[str, ...]]:
     """Satellites by their system, without excluded ones."""
     found: dict[str, list[str]] = {}
     names = [
@@ -89,7 +89,7 @@ def _systems(sources: Environment) -> dict[str, tuple[str, ...]]:
     return {system: tuple(members) for system, members in found.items()}
 
 
-def _satellites(sources: Environment) -> list[tuple[tuple[str, ...], np.ndarray]]:
+def _satellites(sources: SignalScenario) -> list[tuple[tuple[str, ...], np.ndarray]]:
     """Names of satellites, group by group, and which of them the receiver is to use."""
     groups = [(group.names, group.chosen) for group in sources.satellites]
     return groups if sources.listed is None else [*groups, (sources.listed.names, sources.listed.chosen)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from navsim.gnss.signals import Environment
+from navsim.gnss.signals import SignalScenario
 from navsim.landing import rare_events
 from navsim.landing import study as landing
 from navsim.landing.estimate import estimate_landing as estimated
@@ -42,12 +42,12 @@ class _Prepared:
         self.kernels = f"landing-{section.method}-{section.filter.kind}-{section.filter.coupling}"
 
     def _prepare(self, runs: int, keep: str, executor: Executor, allow: ResourceCheck, at_most: bool) -> None:
-        def ask(scenario: Landing, sources: Environment) -> None:
+        def ask(scenario: Landing, sources: SignalScenario) -> None:
             allow(self.estimate(scenario, sources, runs, keep, executor), at_most)
 
         self.case = landing.prepare(self.section, self.document, ask)
 
-    def estimate(self, scenario: Landing, sources: Environment, runs: int, keep: str, executor: Executor) -> Budget:
+    def estimate(self, scenario: Landing, sources: SignalScenario, runs: int, keep: str, executor: Executor) -> Budget:
         return estimated(scenario, sources, runs, keep, executor.workers, executor.away)
 
     @property

@@ -36,7 +36,7 @@ from navsim.trajectory.kinematics import Motion, Moving
 
 if TYPE_CHECKING:
     from navsim.gnss.pseudorange import Signals
-    from navsim.gnss.signals import Environment
+    from navsim.gnss.signals import SignalScenario
 
 _USUAL_MASK = 20.0
 """Mask up to which the sky of a whole satellite system leaves enough sources for a fix, deg."""
@@ -63,7 +63,7 @@ class PreflightChecks:
 
     scenario: Landing
     trajectory: Moving
-    environment: Environment
+    environment: SignalScenario
     signals: Signals
     outputs: np.ndarray
 
@@ -179,7 +179,7 @@ class PreflightChecks:
 
     @cached_property
     def shadowed(self) -> np.ndarray:
-        """Fixes and sources (e, s) bool hidden by the aircraft, see `Environment.shadowed`."""
+        """Fixes and sources (e, s) bool hidden by the aircraft, see `SignalScenario.shadowed`."""
         return self.environment.shadowed(self.signals, self.trajectory.motion(self.signals.time).c_eb)
 
     def _by_name(self, lost: np.ndarray) -> tuple[list[str], str]:
@@ -459,7 +459,7 @@ def _gains_passed_over(scenario: Landing) -> list[str]:
     return [f"{', '.join(key for *_, keys in there for key in keys)}: the sensors have {names}, {told}"]
 
 
-def _out_of_sight(environment: Environment, antenna: np.ndarray) -> list[str]:
+def _out_of_sight(environment: SignalScenario, antenna: np.ndarray) -> list[str]:
     """Warnings of pseudolites that the curvature of the Earth hides from an antenna (e, 3), ECEF, m, at fixes."""
     beyond, pseudolites = environment.beyond_horizon(antenna), environment.pseudolites
     away = np.linalg.norm(ecef_from_llh(pseudolites.llh) - antenna[:, None], axis=2)
@@ -475,7 +475,7 @@ def _out_of_sight(environment: Environment, antenna: np.ndarray) -> list[str]:
     return out
 
 
-def modelled(scenario: Landing, document: Document) -> tuple[Moving, Environment, Landing, list[str]]:
+def modelled(scenario: Landing, document: Document) -> tuple[Moving, SignalScenario, Landing, list[str]]:
     """Trajectory, sources of signals, the scenario with the checksums of its files, and warnings about its sky.
 
     Raises InputError for unusable files, and for pseudolites in the way of the aircraft.
@@ -502,7 +502,7 @@ def _needs_sources(scenario: Landing) -> bool:
     return isinstance(scenario.approach, FileApproach) or any(sections)
 
 
-def fix_warnings(scenario: Landing, environment: Environment, trajectory: Moving, more: int = 0) -> list[str]:
+def fix_warnings(scenario: Landing, environment: SignalScenario, trajectory: Moving, more: int = 0) -> list[str]:
     """Warning about a flight without fix epochs, or about fix epochs with too few sources.
 
     more: number of pseudolites that a study adds, and whose positions it does not know yet.
@@ -525,7 +525,7 @@ def _too_few(signals: Signals, tight: bool, more: int) -> np.ndarray:
 
 
 def _without_fix(
-    scenario: Landing, environment: Environment, signals: Signals, motion: Motion, more: int = 0
+    scenario: Landing, environment: SignalScenario, signals: Signals, motion: Motion, more: int = 0
 ) -> list[str]:
     """Warning about fix epochs with too few sources, and what takes them."""
     tight = scenario.filter.tight

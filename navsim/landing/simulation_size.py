@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from navsim.gnss.receiver import epochs
-from navsim.gnss.signals import Environment
+from navsim.gnss.signals import SignalScenario
 from navsim.scenario.landing import Landing
 
 SAMPLE_MEMORY = 3200
@@ -28,7 +28,7 @@ class SimulationSize:
     """Sources of signals."""
 
 
-def simulation_size(scenario: Landing, sources: Environment) -> SimulationSize:
+def simulation_size(scenario: Landing, sources: SignalScenario) -> SimulationSize:
     """Size of a scenario under a sky."""
     names = sum(len(group.names) for group in sources.satellites) + len(sources.pseudolites.names)
     return SimulationSize(

@@ -15,7 +15,7 @@ import numpy as np
 from navsim.environment.sources import touchdown_time
 from navsim.gnss.constellations.constellation import CachedConstellation
 from navsim.gnss.pseudorange import Signals
-from navsim.gnss.signals import Environment, build_signals
+from navsim.gnss.signals import SignalScenario, build_signals
 from navsim.gnss.sky import enu_matrix
 from navsim.landing import integrity
 from navsim.landing.case import Case, case_of, world_of
@@ -353,7 +353,7 @@ def _flight(case: Case, end: float, fix_rate: float, imu_rate: float) -> Prepare
             "imu": imu.model_copy(update={"rate_hz": imu_rate}),
         }
     )
-    sources: Environment = replace(
+    sources: SignalScenario = replace(
         case.environment,
         satellites=tuple(
             replace(g, constellation=CachedConstellation(g.constellation)) for g in case.environment.satellites

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from navsim.environment.sources import glide_epochs
-from navsim.gnss.signals import Environment
+from navsim.gnss.signals import SignalScenario
 from navsim.landing.confirmation import RUNS
 from navsim.landing.preflight import fix_warnings
 from navsim.landing.simulation_size import ANALYSED_MEMORY, SAMPLE_MEMORY, SIGNAL_MEMORY, simulation_size
@@ -53,13 +53,13 @@ class OptimizeJob:
     def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
         self._watch = SearchMonitor(time_limit=self.options.time_limit)
 
-        def ask(scenario: Landing, sources: Environment) -> None:
+        def ask(scenario: Landing, sources: SignalScenario) -> None:
             allow(self.estimate(scenario, sources))
 
         self.posed = problem(self.section, self.document, self.base, ask, self.options.workers)
         self._runs = RUNS if self.options.runs is None else self.options.runs
 
-    def estimate(self, scenario: Landing, sources: Environment) -> Budget:
+    def estimate(self, scenario: Landing, sources: SignalScenario) -> Budget:
         """Estimated memory and disk of a search for placements."""
         study = self.section
         problem = simulation_size(scenario, sources)
@@ -134,7 +134,7 @@ def progress_text(progress: SearchProgress, unit: str, large: bool = False, quic
 
 def check(section: Optimize, document: Document) -> list[str]:
     """Warnings about a search; its base scenario is checked with the values that the study sets. Raises InputError."""
-    asked: list[tuple[Landing, Environment]] = []
+    asked: list[tuple[Landing, SignalScenario]] = []
     posed = problem(section, document, base_of(section, document), lambda *each: asked.append(each))
     ((scenario, sources),) = asked
     more = max(section.counts) if section.beacons is None else 0

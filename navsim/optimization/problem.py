@@ -35,7 +35,7 @@ from navsim.environment.sources import environment, glide_epochs, touchdown_time
 from navsim.gnss import timescales
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.events import BEACONS
-from navsim.gnss.signals import Environment
+from navsim.gnss.signals import SignalScenario
 from navsim.landing.beacons import BeaconGlide
 from navsim.landing.confirmation import Fly, OfRuns, fly_case, of_runs
 from navsim.landing.plausibility import implausible
@@ -431,7 +431,7 @@ def _with_power(
     )  # fmt: skip
     if study.constraints.requirements:
         problem = _with_requirements(problem, full, coarse, document)
-    placed = sources.placed or sources.sight_placed or sources.singled_out
+    placed = sources.depends_on_pseudolite_sites or sources.sight_placed or sources.singled_out
     placed = placed or geometry.has_beyond_horizon(kept.plane.ecef(_corners(*problem.limits())))
     if problem.quick and epochs.size and not placed:
         decided = None if problem.requirements is None else problem.requirements.decided
@@ -553,7 +553,7 @@ def _with_requirements(
     )
 
 
-def _check_known(sources: Environment, starts: np.ndarray, document: Document) -> None:
+def _check_known(sources: SignalScenario, starts: np.ndarray, document: Document) -> None:
     """Raise InputError where a constellation is unknown at some of the starts, POSIX s (n,): the objective would be of
     fewer satellites there without a word."""
     for group in sources.satellites:

@@ -106,7 +106,7 @@ class Outlook:
     @property
     def placed(self) -> bool:
         """Whether the value of satellites, or of single pseudolites, depends on the positions of pseudolites."""
-        return self._sources.placed or self._sources.singled_out
+        return self._sources.depends_on_pseudolite_sites or self._sources.singled_out
 
     def lacks(self, name: str) -> str:
         """Why there is no map of a quantity; empty if there is one."""

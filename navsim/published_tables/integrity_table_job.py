@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from navsim.gnss.signals import Environment
+from navsim.gnss.signals import SignalScenario
 from navsim.landing import study as landing
 from navsim.landing.estimate import extent, shared_memory
 from navsim.published_tables import integrity_table
@@ -54,7 +54,7 @@ class IntegrityTableJob:
         return self.case.warnings
 
     def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
-        def ask(scenario: Landing, sources: Environment) -> None:
+        def ask(scenario: Landing, sources: SignalScenario) -> None:
             allow(self.estimate(scenario, sources))
 
         self.case = landing.prepare(self.section, self.document, ask)
@@ -63,7 +63,7 @@ class IntegrityTableJob:
         except ValueError as error:
             raise JobError(str(error)) from None
 
-    def estimate(self, scenario: Landing, sources: Environment) -> Budget:
+    def estimate(self, scenario: Landing, sources: SignalScenario) -> Budget:
         """Estimated memory and disk of the table."""
         here = extent(scenario, sources)
         separated = scenario.integrity is not None and scenario.integrity.method != "chi2"

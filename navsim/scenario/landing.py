@@ -689,7 +689,7 @@ class Landing(Section):
             offset_sigma=SPEED_OF_LIGHT * signals.system_offset_sigma_ns * 1e-9,
             single_clock=self.receiver.single_clock,
             smoothing=self.receiver.smoothing_s,
-            heavier=watched.heavy_tailed.model()
+            noise_distribution=watched.heavy_tailed.model()
             if watched is not None and watched.error_model == "heavy_tailed"
             else None,
         )

@@ -97,7 +97,7 @@ class Differential(Section):
             )  # fmt: skip
         return self
 
-    def model(self, pseudolites: Pseudolites) -> signal_errors.Reference:
+    def model(self, pseudolites: Pseudolites) -> signal_errors.DifferentialStation:
         """The station among these pseudolites."""
         from navsim.gnss import signal_errors
 
@@ -108,7 +108,7 @@ class Differential(Section):
 
             senders = tuple(pseudolites.names) if self.link.senders is None else self.link.senders
             link = CorrectionLink(senders, 1.0 / self.link.rate_hz, self.link.max_age_s, self.link.loss)
-        return signal_errors.Reference(pseudolites.llh[at], self.latency_s, self.sigma_m, link)
+        return signal_errors.DifferentialStation(pseudolites.llh[at], self.latency_s, self.sigma_m, link)
 
 
 class PatternSection(Section):

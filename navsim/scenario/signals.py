@@ -86,13 +86,13 @@ class Ephemeris(Section):
     clock_sigma_m: NonNegative = 1.0
     """1 sigma of the error of the satellite's clock, as a range"""
 
-    def model(self) -> signal_errors.Space:
+    def model(self) -> signal_errors.SignalInSpaceErrors:
         """The errors of satellites."""
         import numpy as np
 
         from navsim.gnss import signal_errors
 
-        return signal_errors.Space(np.array(self.orbit_sigma_m), self.clock_sigma_m)
+        return signal_errors.SignalInSpaceErrors(np.array(self.orbit_sigma_m), self.clock_sigma_m)
 
 
 class CorrelatedErrorSection(Section):

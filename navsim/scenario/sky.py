@@ -23,7 +23,7 @@ from navsim.scenario_files.base import (
 )
 
 if TYPE_CHECKING:
-    from navsim.gnss.signals import Listed
+    from navsim.gnss.signals import FixedDirectionSources
     from navsim.gnss.sky import Horizon, Mask
 
 
@@ -166,14 +166,14 @@ class Sky(Section):
             out.append(f"sky.galileo_message is not used: no {GALILEO.title} satellite flies by messages")
         return out
 
-    def listed(self) -> Listed:
+    def listed(self) -> FixedDirectionSources:
         """The sources in fixed directions."""
         import numpy as np
 
-        from navsim.gnss.signals import Listed
+        from navsim.gnss.signals import FixedDirectionSources
 
         names = tuple(f"X{i:02d}" for i in range(1, len(self.directions) + 1))
-        return Listed(
+        return FixedDirectionSources(
             names,
             np.array([d.azimuth_deg for d in self.directions]) * DEG,
             np.array([d.elevation_deg for d in self.directions]) * DEG,

@@ -89,7 +89,7 @@ def as_noise(time: np.ndarray, duration: float, interval: float) -> np.ndarray:
 
 
 def fix_weights(signals: Signals, assumed: TransmitterErrors) -> Signals:
-    """Signals with `lasting_weights`, which are right for the mean of many fixes, not for each fix alone.
+    """Signals with `filter_fix_sigma`, which are right for the mean of many fixes, not for each fix alone.
 
     assumed: errors of transmitters in the filter model.
 
@@ -118,7 +118,7 @@ def fix_weights(signals: Signals, assumed: TransmitterErrors) -> Signals:
     scale = np.divide(shares, count, out=np.ones_like(shares), where=count > 0)[:, None]
     of_ranges = np.where(placed, np.maximum(ranges, scale * mean), signals.fix_sigma**2)
     of_rates = signals.fix_rate_sigma**2 + (factor * lasting[1] - signals.transmitter_variance[1]) * placed
-    return replace(signals, lasting_weights=np.sqrt([of_ranges, of_rates]))
+    return replace(signals, filter_fix_sigma=np.sqrt([of_ranges, of_rates]))
 
 
 @dataclass(frozen=True)

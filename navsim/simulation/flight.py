@@ -404,7 +404,7 @@ class Flight:
     @property
     def with_receiver_fixes(self) -> Flight:
         """Copy whose filter takes fixes with the weights of the receiver."""
-        signals = replace(self.shared.signals, lasting_weights=None)
+        signals = replace(self.shared.signals, filter_fix_sigma=None)
         return replace(self, shared=replace(self.shared, signals=signals))
 
     @cached_property

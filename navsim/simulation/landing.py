@@ -447,7 +447,7 @@ def _filter(flight: Flight, inputs: Inputs) -> _Filtered:
     if design.tight:
         own: RangeTable | FixTable = table_of_ranges(flight, watched.trusted(flight, ranges), rates)
     else:
-        if shared.signals.lasting_weights is not None:
+        if shared.signals.filter_fix_sigma is not None:
             position, speed, _, cov = filter_fixes(shared, ranges, rates)
         else:
             position, speed = llh, velocity

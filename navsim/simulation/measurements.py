@@ -78,10 +78,10 @@ def draw_measurements(
         rngs = [generator(seed, run, "clock", 2) for run in runs]
         late, faster = signals.wandering.drawn(signals.time, rngs)
         delay = delay + late
-    if shared.heavier is not None:
+    if shared.noise_distribution is not None:
         # of a branch: the stream itself is that of Gaussian noise
         of_runs = (generator(seed, run, "measurements", 1) for run in runs)
-        sigma = sigma * np.stack([shared.heavier.scales(rng, (e, s)) for rng in of_runs], axis=-1)
+        sigma = sigma * np.stack([shared.noise_distribution.scales(rng, (e, s)) for rng in of_runs], axis=-1)
     true = (signals.range[..., None], signals.range_rate[..., None]) if flown is None else (flown.ranges, flown.rates)
     noise.measure(
         noises, true[0], delay, sigma, true[1], signals.rate_sigma,

@@ -17,7 +17,7 @@ from navsim.geodesy.earth import llh_from_ecef
 from navsim.geodesy.horizon import upright_planes
 from navsim.gnss.dop import MAX_CLOCKS, normals
 from navsim.gnss.interference.horizon import Terrain, behind, horizon_distance
-from navsim.gnss.signals import Environment, build_signals
+from navsim.gnss.signals import SignalScenario, build_signals
 from navsim.gnss.sky import enu_matrix
 from navsim.simulation.placement_dops import (
     EDGE_ACROSS,
@@ -67,7 +67,7 @@ class Geometry:
     terrain: Terrain
     """The ridges again, and grids of heights."""
     ground: float
-    """See `Environment`."""
+    """See `SignalScenario`."""
 
     def find_lone_pseudolite(self, count: int) -> np.ndarray:
         """Epochs (e,) bool at which a single pseudolite has no satellite on its time scale, see
@@ -148,7 +148,7 @@ _OF_EPOCHS = tuple(f.name for f in fields(Geometry) if f.name not in ("ridges", 
 
 
 def glide_geometry(
-    trajectory: Moving, environment: Environment, utc: np.ndarray, time: np.ndarray, counted: np.ndarray
+    trajectory: Moving, environment: SignalScenario, utc: np.ndarray, time: np.ndarray, counted: np.ndarray
 ) -> Geometry:
     """Geometry at chosen fix epochs of the approach, for each start utc (n,), one after the other (n c).
 

@@ -16,7 +16,7 @@ from navsim.gnss.dop import dops, geometry_covariance
 from navsim.gnss.fix_states import FixStates
 from navsim.gnss.heavy_tailed import HeavyTailedNoise
 from navsim.gnss.receiver import Receiver, wander
-from navsim.gnss.signals import Environment, build_signals, true_positions
+from navsim.gnss.signals import SignalScenario, build_signals, true_positions
 from navsim.gnss.sky import enu_matrix
 from navsim.simulation.aiding import Aid, aids_of
 from navsim.simulation.correlated_errors import FixErrors
@@ -57,7 +57,7 @@ class SharedTruth:
     """(e + 1,) index of the IMU sample at or just before them."""
     aids: tuple[Aid, ...]
     """Sensors beside the receiver."""
-    heavier: HeavyTailedNoise | None
+    noise_distribution: HeavyTailedNoise | None
     """Distribution of the ranging noise if it is not Gaussian."""
     fix_states: FixStates | None = None
     """States of the receiver's fixes; None: fixes follow from the ranges."""
@@ -98,7 +98,7 @@ class SharedTruth:
 
 def build_shared_truth(
     trajectory: Moving,
-    environment: Environment,
+    environment: SignalScenario,
     receiver: Receiver,
     *,
     utc: float,
@@ -136,7 +136,7 @@ def build_shared_truth(
         at_filter=at_filter,
         filter_index=np.searchsorted(imu_time, at_filter.time + 1e-9, side="right") - 1,
         aids=aids_of(aiding, trajectory, duration, imu_rate),
-        heavier=environment.effects.heavier,
+        noise_distribution=environment.effects.noise_distribution,
         fix_states=receiver.states,
         ways=ways,
     )

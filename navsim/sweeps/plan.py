@@ -14,7 +14,7 @@ import numpy as np
 from navsim.environment.sources import environment, glide_epochs
 from navsim.geodesy.earth import in_heading_axes
 from navsim.gnss.pseudolite import Track
-from navsim.gnss.signals import Environment
+from navsim.gnss.signals import SignalScenario
 from navsim.landing.plausibility import implausible, one_direction
 from navsim.landing.preflight import on_pavement
 from navsim.landing.requirements import Statement, statements
@@ -226,7 +226,7 @@ class Plan:
         """Whether all combinations only move pseudolites, without effect on other signals, and need no filter."""
         moves = self.study.method == "dop" and all(key in MOVES for axis in self.axes for key in axis.keys)
         moves &= not set(self.study.wanted()) & {*LEVEL_OUTPUTS, *BEACON_OUTPUTS, REQUIREMENTS}
-        return moves and not self.sources.placed and not self.sources.singled_out
+        return moves and not self.sources.depends_on_pseudolite_sites and not self.sources.singled_out
 
     @cached_property
     def geometry(self) -> Geometry | None:
@@ -238,11 +238,11 @@ class Plan:
         return glide_geometry(trajectory, sources, utc, *glide_epochs(scenario, trajectory))
 
     @cached_property
-    def _environment(self) -> tuple[Environment, Landing, list[str]]:
+    def _environment(self) -> tuple[SignalScenario, Landing, list[str]]:
         return environment(*self.first)
 
     @property
-    def sources(self) -> Environment:
+    def sources(self) -> SignalScenario:
         """The sources of signals of the first combination."""
         return self._environment[0]
 
