@@ -13,7 +13,7 @@ from measure import SCENARIO, STEPS, Curve, Job, Line, Plan, alternate, ratios, 
 
 from navsim.compiler.lanes import WIDTH
 from navsim.filter import states, strapdown
-from navsim.filter.estimate import fly, in_all_lanes
+from navsim.filter.estimate import in_all_lanes, run_filter
 from navsim.filter.measurement_kinds import FIX, Measurements
 from navsim.filter.records import ESKF, TFG, ImuData, Truth, empty_error_history, start
 from navsim.landing.study import Case, prepare
@@ -69,7 +69,7 @@ class Flight:
         account = empty_error_history(truth, n, flight.events.time.size, WIDTH)
 
         def once() -> None:
-            fly(imu, measured, flight.events, start(in_all_lanes(nav), in_all_lanes(covariance)), model, account)
+            run_filter(imu, measured, flight.events, start(in_all_lanes(nav), in_all_lanes(covariance)), model, account)
 
         return timed(once)
 

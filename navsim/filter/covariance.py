@@ -93,7 +93,7 @@ def count_imu_states(declared):
     """Number of declared states that are errors of inertial sensors; they come first (`states.declared`)."""
     count = 0
     for c in range(declared.shape[0]):
-        count += 1 if declared[c].triad <= ACCELEROMETERS else 0
+        count += 1 if declared[c].sensor <= ACCELEROMETERS else 0
     return count
 
 

@@ -84,7 +84,7 @@ class FilterDesign:
     """Limits by number of measurements."""
     max_rejected: int
     components: int
-    widest: float
+    split_heading_sigma: float
     steady_force: bool
     clock: tuple[float, float] | None = None
     """Noise densities of the receiver clock, phase (m2/s) and frequency (m2/s3); None: the filter uses fixes, not
@@ -109,7 +109,7 @@ class FilterDesign:
     def with_range_errors(self, errors: Sequence[Block]) -> FilterDesign:
         """Copy whose filter estimates these ranging errors of 1 sigma one, instead of earlier ones. They come after the
         states in groups of three."""
-        kept = [pair for pair in zip(self.sensors.blocks, self.sensors.sigma, strict=True) if pair[0].triad != RANGE]
+        kept = [pair for pair in zip(self.sensors.blocks, self.sensors.sigma, strict=True) if pair[0].sensor != RANGE]
         first = sum(block.size == 3 for block, _ in kept)
         blocks, sigma = zip(*kept[:first], *((block, 1.0) for block in errors), *kept[first:], strict=True)
         return replace(self, sensors=replace(self.sensors, blocks=blocks, sigma=sigma))
@@ -118,7 +118,7 @@ class FilterDesign:
         """Copy whose filter estimates these errors of transmitters, with their 1 sigma, instead of earlier ones. They
         are the last states."""
         each = zip(self.sensors.blocks, self.sensors.sigma, strict=True)
-        kept = [pair for pair in each if pair[0].triad != SOURCE]
+        kept = [pair for pair in each if pair[0].sensor != SOURCE]
         blocks, sigma = zip(*kept, *errors, strict=True)
         return replace(self, sensors=replace(self.sensors, blocks=blocks, sigma=sigma))
 
@@ -135,7 +135,7 @@ class FilterDesign:
         )  # fmt: skip
         return FilterModel(
             self.kind, densities, states.declared(self.sensors.blocks), self.gate, self.max_rejected,
-            self.components if self.kind == GAUSSIAN_SUM else 0, self.widest, clock,
+            self.components if self.kind == GAUSSIAN_SUM else 0, self.split_heading_sigma, clock,
             # without velocities of fixes nothing confirms a line through those of the filter; filters that keep their
             # linearisation already take the corrections of velocity for part of the force
             self.steady_force and self.velocity and self.kind not in CONSTRAINED,

@@ -83,7 +83,7 @@ PLAIN = CHARTS[ESKF]
 def chart_of(model: FilterModel) -> Eskf | LeftInvariant | Tfg | GaussianSum:
     """Chart of a filter."""
     plain = model.steady_force and model.kind in (TFG, GAUSSIAN_SUM)
-    summed, triad = (FIX, RANGE, SOURCE, BEACON, PRODUCT, AZIMUTH, ELEVATION, DISTANCE), model.declared["triad"]
+    summed, triad = (FIX, RANGE, SOURCE, BEACON, PRODUCT, AZIMUTH, ELEVATION, DISTANCE), model.declared["sensor"]
     straight = 2 if plain else int(np.isin(triad, summed).any())
     products = SENSORS + int(np.argmax(triad == PRODUCT)) if (triad == PRODUCT).any() else 0
     return CHARTS[model.kind]._replace(straight=straight, body=int(hard_iron(model.declared)), products=products)

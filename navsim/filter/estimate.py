@@ -2,7 +2,7 @@
 
 W runs are processed at once, one in each SIMD lane (`compiler.lanes`). A single run through a filter is a batch of
 equal runs. A smoother stores the whole flight and therefore uses plain numbers: the same kernels, the same bits. If the
-truth is known, runs produce an error history (`fly`), otherwise a history. Histories of filters are produced in pieces,
+truth is known, runs produce an error history (`run_filter`), otherwise a history. Histories of filters are produced in pieces,
 since those of all lanes would need much memory.
 """
 
@@ -70,7 +70,7 @@ def _pieces(events: Events, most: int | None) -> Iterator[slice]:
             first = last
 
 
-def fly(
+def run_filter(
     imu: ImuData, measurements: Measurements, events: Events, state: State, model: FilterModel, errors: ErrorHistory
 ) -> None:
     """Run an estimator through the events of a flight against the truth, W runs at once.
@@ -104,23 +104,23 @@ def _check_correlated(measurements: Measurements, events: Events, model: FilterM
 
     Kernels would read beyond the table.
     """
-    axes, rows = model.declared["axis"][model.declared["triad"] == FIX], events.row[events.kind == FIX]
+    axes, rows = model.declared["axis"][model.declared["sensor"] == FIX], events.row[events.kind == FIX]
     table = measurements.fixes.correlated
     if axes.size and rows.size and (table.shape[2] <= axes.max() or table.shape[0] <= rows.max()):
         raise ValueError("the table of fixes does not say what the errors do to them that the filter follows")
     rows, effects = events.row[events.kind == RANGE], measurements.ranges.correlated
-    axes = model.declared["axis"][model.declared["triad"] == SOURCE]
+    axes = model.declared["axis"][model.declared["sensor"] == SOURCE]
     for kind, own in ((FIX, measurements.fixes.transmitters), (RANGE, measurements.ranges.transmitters)):
         used = events.row[events.kind == kind]
         if axes.size and used.size and (own.shape[2] <= axes.max() or own.shape[0] <= used.max()):
             raise ValueError("the table does not say what the errors of transmitters that the filter follows do")
-    followed = bool((model.declared["triad"] == RANGE).any())
+    followed = bool((model.declared["sensor"] == RANGE).any())
     if followed and rows.size and (effects.shape[1] == 0 or effects.shape[0] <= rows.max()):
         raise ValueError("the table of ranges does not say what the errors do to them that the filter follows")
 
 
 def _engine(model: FilterModel, state: State) -> Any:
-    """The module whose kernel flies a filter. Raises ValueError as of `fly`."""
+    """The module whose kernel flies a filter. Raises ValueError as of `run_filter`."""
     if model.kind not in records.FILTERS:
         raise ValueError(f"no kind of estimator: {model.kind}")
     if model.kind != records.GAUSSIAN_SUM:
@@ -140,7 +140,7 @@ def fly_in_pieces(
 ) -> Iterator[tuple[slice, slice, History]]:
     """Run an estimator without a truth; yields pieces of the history, of `most` events if given.
 
-    imu: of lanes, or of one run, the same for all; other arguments as of `fly`. Each piece has its events, its outputs,
+    imu: of lanes, or of one run, the same for all; other arguments as of `run_filter`. Each piece has its events, its outputs,
     and their history, which the next piece overwrites. A smoother yields one piece.
     """
     lanes = state.navigation.shape[-1]

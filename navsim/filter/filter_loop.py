@@ -30,7 +30,7 @@ from navsim.filter.history import as_error_registers, as_registers, clear_event,
 from navsim.filter.interval import LONGEST, StepSums, accumulate_markov, add_step, allocate_sums, reset_sums, transition
 from navsim.filter.measurement_kinds import BEACON, RANGE
 from navsim.filter.measurement_models import hard_iron, observe, slot
-from navsim.filter.outliers import excess, expects_outliers, is_lost, widen
+from navsim.filter.outliers import expects_outliers, is_lost, outlier_moments, widen
 from navsim.filter.range_update import (
     accumulate_range,
     apply_epoch,
@@ -374,7 +374,7 @@ def _process(chart, imu, measurements, events, model, line, record, work):
                         grow_products(chart.products, held, nav, p)
                     weighed = innovation_factor(p, buffers.h, buffers.r, m, buffers.pht, buffers.s) & (degrees > 0.0)
                     rejected[counter] = where(lost, 0.0, rejected[counter])
-                mean, buffers.spread[0], _, _, clean = excess(buffers.z[0], buffers.s[0, 0], outliers)
+                mean, buffers.spread[0], _, _, clean = outlier_moments(buffers.z[0], buffers.s[0, 0], outliers)
                 buffers.z[0] -= mean
                 count_rejection(weighed, clean > 0.5, counter, rejected)
             used = weighed

@@ -59,7 +59,7 @@ from navsim.filter.mixture import (
     normalise_weights,
     split_and_merge,
 )
-from navsim.filter.outliers import excess, expects_outliers, is_lost, widen
+from navsim.filter.outliers import expects_outliers, is_lost, outlier_moments, widen
 from navsim.filter.range_update import (
     accumulate_range,
     apply_epoch,
@@ -322,7 +322,7 @@ def _process(chart, imu, measurements, events, model, line, record, own, work):
             # a turn finds the components as narrow as it needs them
             turn = expected_turn(imu, cursor, events.time[i], now.navigation[0])
             if any_lane(turn > 0.0):
-                split_and_merge(now, turn, model.widest, space, mixture_work)
+                split_and_merge(now, turn, model.split_heading_sigma, space, mixture_work)
                 count = count_components(weight)
             if model.steady_force and not ahead and not is_interval_started(line):
                 mean_velocity(now, count, v, variance)
@@ -393,7 +393,7 @@ def _process(chart, imu, measurements, events, model, line, record, own, work):
                     sizes[j] *= ss[j, a, a]
                 if expects_outliers(kind, measurements):
                     outliers = measurements.beacons.outliers
-                    mean, spreads[j], square, sizes[j], clean = excess(zs[j, 0], ss[j, 0, 0], outliers)
+                    mean, spreads[j], square, sizes[j], clean = outlier_moments(zs[j, 0], ss[j, 0, 0], outliers)
                     chance += where(weight[j] > 0.0, weight[j] * clean, 0.0)
                     squares[j] = where(squares[j] < math.inf, square, squares[j])
                     zs[j, 0] -= mean

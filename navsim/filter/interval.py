@@ -112,7 +112,7 @@ def rows_of_sums(declared):
         row[c] = c
         for b in range(c):
             alike = declared[b].axis == declared[c].axis and declared[b].decay == declared[c].decay
-            both = declared[b].triad == GYROS and declared[c].triad == ACCELEROMETERS
+            both = declared[b].sensor == GYROS and declared[c].sensor == ACCELEROMETERS
             if alike and both and declared[b].signal == CONSTANT and declared[c].signal == CONSTANT:
                 row[c] = b
     return row
@@ -160,7 +160,7 @@ def add_step(total, decay, row, mid, dt, increments, declared):
         total[_FORCE_TWICE + i] = fma(fma(felt, 0.5, total[_FORCE + i]), dt, total[_FORCE_TWICE + i])
         total[_FORCE + i] += felt
     for c in range(declared.shape[0]):
-        triad, axis, signal = declared[c].triad, declared[c].axis, declared[c].signal
+        triad, axis, signal = declared[c].sensor, declared[c].axis, declared[c].signal
         if triad > ACCELEROMETERS or row[c] != c:
             continue  # an error of measurements has no axis of the body
         # input of the state, over the step
@@ -330,12 +330,12 @@ def transition(sums, mid, phi):
         k, j = _COLUMNS + _COLUMN_N * sums.row[c], SENSORS + c
         x, y, z = total[k + _ONCE], total[k + _ONCE + 1], total[k + _ONCE + 2]
         tx, ty, tz = total[k + _TWICE], total[k + _TWICE + 1], total[k + _TWICE + 2]
-        if declared[c].triad == ACCELEROMETERS:
+        if declared[c].sensor == ACCELEROMETERS:
             phi[R_N, j], phi[R_E, j], phi[R_D, j] = -tx, -ty, -tz
             phi[V_N, j] = (oe * tz - od * ty) - x
             phi[V_E, j] = (od * tx - on * tz) - y
             phi[V_D, j] = (on * ty - oe * tx) - z
-        elif declared[c].triad == GYROS:
+        elif declared[c].sensor == GYROS:
             for i in range(3):
                 phi[POS + i, j], phi[VEL + i, j] = total[k + _CROSSED_TWICE + i], total[k + _CROSSED + i]
             phi[PHI_N, j] = (we * tz - wd * ty) - x
@@ -399,7 +399,7 @@ def add_driven(sums, c, drive, place, p):
     """
     state = sums.declared[c]
     whole, first, second, third, _, _ = _moments(sums.length)
-    block = ATT if state.triad == GYROS else VEL
+    block = ATT if state.sensor == GYROS else VEL
     mean, k = small_vector(p, 3), _COLUMNS + _COLUMN_N * sums.row[c] + _ONCE
     for i in range(3):
         mean[i] = sums.total[k + i] / (whole - 0.5 * whole * whole * state.decay)

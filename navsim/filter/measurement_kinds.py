@@ -18,7 +18,7 @@ import numpy as np
 
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 
-FIX, ALTITUDE, PROBE, RANGE, ABOVE_GROUND, PRESSURE, MAGNETIC = 2, 3, 4, 5, 6, 7, 8
+FIX, ALTITUDE, MONITOR_ONLY_FIX, RANGE, ABOVE_GROUND, PRESSURE, MAGNETIC = 2, 3, 4, 5, 6, 7, 8
 """Kinds of measurements, as kinds of events; `records.PASS` and `OUTPUT` come before them. The filter computes the
 innovation of a probe, a kind of fix, and never uses it. Random numbers are keyed by these numbers, so they never
 change."""
@@ -183,7 +183,7 @@ class BeaconTable(NamedTuple):
     lever_arm: np.ndarray
     """See `FixTable`."""
     outliers: np.ndarray = np.empty(0)
-    """(5,) of the mixture that the filter assumes (`outliers.excess`); (0,) for none."""
+    """(5,) of the mixture that the filter assumes (`outliers.outlier_moments`); (0,) for none."""
     weakened: np.ndarray = np.empty(0)
     """(m,) factor on the noise that grows with distance, by jammers; (0,) without."""
 
@@ -323,9 +323,9 @@ class Measurements(NamedTuple):
 
         Fixes and probes share one table. Raises KeyError for an unknown kind.
         """
-        if unknown := tables.keys() - {PROBE, *_TABLES}:
+        if unknown := tables.keys() - {MONITOR_ONLY_FIX, *_TABLES}:
             raise KeyError(f"no measurements are of the kind {unknown.pop()}")
-        known = {FIX: tables[PROBE], **tables} if PROBE in tables else tables
+        known = {FIX: tables[MONITOR_ONLY_FIX], **tables} if MONITOR_ONLY_FIX in tables else tables
         return cls(
             *(_contiguous(known[kind] if kind in known else table.none(*lanes)) for kind, table in _TABLES.items())
         )

@@ -38,8 +38,8 @@ from navsim.filter.measurement_kinds import (
     HEADING,
     KIND_COUNT,
     MAGNETIC,
+    MONITOR_ONLY_FIX,
     PRESSURE,
-    PROBE,
     PRODUCT,
     RANGE,
     REST_RATE,
@@ -91,7 +91,7 @@ def hard_iron(declared):
     """First error state of a magnetometer's hard iron, a vector in body axes; 0 if no state is."""
     first = 0
     for c in range(declared.shape[0] - 1, -1, -1):
-        if declared[c].triad == MAGNETIC and declared[c].signal == CONSTANT and declared[c].axis == 0:
+        if declared[c].sensor == MAGNETIC and declared[c].signal == CONSTANT and declared[c].axis == 0:
             first = SENSORS + c
     return first
 
@@ -151,7 +151,7 @@ def _fix(nav, increments, dt, declared, c_nb, lever, llh, vel, z, h):
         h[i, POS + i], h[3 + i, VEL + i] = 1.0, 1.0
     _across(swing, h, 3)
     for c in range(declared.shape[0]):
-        if declared[c].triad == GYROS:
+        if declared[c].sensor == GYROS:
             for i in range(3):
                 h[3 + i, SENSORS + c] = _turning(declared[c], i, increments, dt, c_nb, lever)
 
@@ -195,7 +195,7 @@ def _range(nav, increments, dt, declared, c_nb, ranges, row, z, h):
         h[1, ATT + i] = arm[j] * ((along * u[k] - w[k]) / distance) - arm[k] * ((along * u[j] - w[j]) / distance)
         h[1, ATT + i] += swing[k] * u[j] - swing[j] * u[k]
     for c in range(declared.shape[0]):
-        if declared[c].triad == GYROS:
+        if declared[c].sensor == GYROS:
             for i in range(3):
                 h[1, SENSORS + c] -= u[i] * _turning(declared[c], i, increments, dt, c_nb, ranges.lever_arm)
 
@@ -205,7 +205,7 @@ def _transmitters(nav, declared, effects, row, m, z, h):
     """Effects (rows, m, q) of the estimated errors of transmitters on the m numbers of a measurement: from z, into
     h."""
     for c in range(declared.shape[0]):
-        if declared[c].triad == SOURCE and effects.shape[2] > 0:  # a probe's table has none
+        if declared[c].sensor == SOURCE and effects.shape[2] > 0:  # a probe's table has none
             for a in range(m):
                 effect = effects[row, a, declared[c].axis]
                 z[a] -= effect * nav[NAV_SENSORS + c]
@@ -265,7 +265,7 @@ def _magnetic(nav, declared, c_nb, table, z, h):
         for j in range(3):
             soft[i, j] = 0.0 * fade
     for c in range(declared.shape[0]):
-        if declared[c].triad == MAGNETIC:
+        if declared[c].sensor == MAGNETIC:
             axis, signal, x = declared[c].axis, declared[c].signal, nav[NAV_SENSORS + c]
             if signal != CONSTANT:
                 h[axis, SENSORS + c] = along[signal]
@@ -321,7 +321,7 @@ def _beacon(nav, declared, c_nb, table, row, z, h):
     growth, moved = table.growth + 0.0 * distance, 0.0 * distance
     z[0] = -distance
     for c in range(declared.shape[0]):
-        if declared[c].triad == BEACON and declared[c].axis // BEACON_STATES == beacon:
+        if declared[c].sensor == BEACON and declared[c].axis // BEACON_STATES == beacon:
             k, value = declared[c].axis % BEACON_STATES, nav[NAV_SENSORS + c]
             if k == 0:
                 h[0, SENSORS + c] = 1.0
@@ -332,16 +332,16 @@ def _beacon(nav, declared, c_nb, table, row, z, h):
             else:
                 h[0, SENSORS + c] = axes[k - 2, 0] * x[0] + axes[k - 2, 1] * x[1] + axes[k - 2, 2] * x[2]
                 moved += h[0, SENSORS + c] * value
-        elif declared[c].triad == BEACON and declared[c].axis == BEACON_STATES * table.position.shape[0]:
+        elif declared[c].sensor == BEACON and declared[c].axis == BEACON_STATES * table.position.shape[0]:
             h[0, SENSORS + c] = 1.0  # the receiver's clock
             z[0] -= nav[NAV_SENSORS + c]
     # a longer way also has a larger bias
     steeper = 1.0 + growth * left * (1.0 / table.growth_distance)
     z[0] -= growth * (1.0 - left) + steeper * moved
     for c in range(declared.shape[0]):
-        if declared[c].triad == BEACON and declared[c].axis % BEACON_STATES > 1:
+        if declared[c].sensor == BEACON and declared[c].axis % BEACON_STATES > 1:
             h[0, SENSORS + c] *= steeper
-        elif declared[c].triad == PRODUCT:
+        elif declared[c].sensor == PRODUCT:
             i, j = FIRST[declared[c].axis], SECOND[declared[c].axis]
             bent = (steeper / distance + (steeper - 1.0) * (1.0 / table.growth_distance)) * u[i] * u[j]
             h[0, SENSORS + c] = 0.5 * (steeper / distance - bent) if i == j else -bent
@@ -383,7 +383,7 @@ def _station(kind, nav, declared, c_nb, table, z, h):
         for i in range(3):
             u[i] = (a[i] - sine * u[i]) / (cosine * distance)
     for c in range(declared.shape[0]):
-        if declared[c].triad == kind:
+        if declared[c].sensor == kind:
             h[0, SENSORS + c] = 1.0
             z[0] -= nav[NAV_SENSORS + c]
     for i in range(3):
@@ -394,7 +394,7 @@ def _station(kind, nav, declared, c_nb, table, z, h):
 
 
 @kernel
-def is_bent(ranges, row, h, p):
+def needs_relinearisation(ranges, row, h, p):
     """Whether one linearisation of a range is not enough: its source is near, and the position uncertain across it [2].
 
     h: from `observe`; p: (n, n).
@@ -412,7 +412,7 @@ def _observe_fix(fixes, row, nav, increments, dt, declared, c_nb, have, z, h, r)
     llh, velocity, covariance = as_simd(fixes.llh), as_simd(fixes.velocity), as_simd(fixes.covariance)
     _fix(nav, increments, dt, declared, c_nb, fixes.lever_arm, llh[row], velocity[row], z, h)
     for c in range(declared.shape[0]):
-        if declared[c].triad == FIX:
+        if declared[c].sensor == FIX:
             for a in range(MAX_MEASUREMENT_SIZE):
                 effect = fixes.correlated[row, a, declared[c].axis]
                 z[a] -= effect * nav[NAV_SENSORS + c]
@@ -439,7 +439,7 @@ def _observe_range(ranges, row, nav, increments, dt, declared, c_nb, have, z, h,
     _range(nav, increments, dt, declared, c_nb, ranges, row, z, h)
     groups = ranges.correlated.shape[1]
     for c in range(declared.shape[0]):
-        if declared[c].triad == RANGE and declared[c].axis // groups == ranges.source[row]:
+        if declared[c].sensor == RANGE and declared[c].axis // groups == ranges.source[row]:
             effect = ranges.correlated[row, declared[c].axis % groups]
             z[0] -= effect * nav[NAV_SENSORS + c]
             h[0, SENSORS + c] = effect
@@ -483,7 +483,7 @@ def _observe_pressure(pressures, row, nav, declared, have, z, h, r):
     z[0] = measured[row] - (nav[NAV_LLH + 2] + pressures.lag * nav[NAV_VEL + 2])
     h[0, R_D], h[0, V_D] = -1.0, pressures.lag
     for c in range(declared.shape[0]):
-        if declared[c].triad == PRESSURE:
+        if declared[c].sensor == PRESSURE:
             z[0] -= nav[NAV_SENSORS + c]
             h[0, SENSORS + c] = 1.0
     z[0] = where(there, z[0], 0.0)
@@ -562,7 +562,7 @@ def _heading(nav, declared, c_nb, axis, z, h):
     z[0] = -atan2(u[1], u[0])
     h[0, PHI_N], h[0, PHI_E], h[0, PHI_D] = -u[0] * u[2] / some, -u[1] * u[2] / some, 1.0 + 0.0 * level
     for c in range(declared.shape[0]):
-        if declared[c].triad == HEADING:
+        if declared[c].sensor == HEADING:
             h[0, SENSORS + c] = 1.0
             z[0] -= nav[NAV_SENSORS + c]
     return level
@@ -580,7 +580,7 @@ def _vehicle_velocity(nav, increments, dt, declared, c_nb, table, z, h):
         lever[i], turn[i] = table.lever_arm[i] + 0.0 * sin_lat, 0.0 * sin_lat
         rate[i] = increments[i] / dt - (c_nb[0, i] * RATE * cos_lat - c_nb[2, i] * RATE * sin_lat)
     for c in range(declared.shape[0]):
-        if declared[c].triad == VEHICLE_VELOCITY:
+        if declared[c].sensor == VEHICLE_VELOCITY:
             if declared[c].axis < 3:
                 turn[declared[c].axis] = nav[NAV_SENSORS + c]
             else:
@@ -604,10 +604,10 @@ def _vehicle_velocity(nav, increments, dt, declared, c_nb, table, z, h):
             # C_true' v = C' v + C' [v x] theta
             h[i, ATT + k] = whole[i, p] * nav[NAV_VEL + q] - whole[i, q] * nav[NAV_VEL + p]
     for c in range(declared.shape[0]):
-        if declared[c].triad == GYROS:
+        if declared[c].sensor == GYROS:
             for i in range(3):
                 h[i, SENSORS + c] = _turning(declared[c], i, increments, dt, axes, lever)
-        elif declared[c].triad == VEHICLE_VELOCITY:
+        elif declared[c].sensor == VEHICLE_VELOCITY:
             p, q = (declared[c].axis + 1) % 3, (declared[c].axis + 2) % 3
             if declared[c].axis < 3:
                 h[p, SENSORS + c], h[q, SENSORS + c] = plain[q], -plain[p]
@@ -623,7 +623,7 @@ def _rest_rate(nav, declared, c_nb, z, h):
     for i in range(3):
         z[i] = -(c_nb[0, i] * RATE * cos_lat - c_nb[2, i] * RATE * sin_lat)
     for c in range(declared.shape[0]):
-        if declared[c].triad == GYROS and declared[c].signal == CONSTANT:
+        if declared[c].sensor == GYROS and declared[c].signal == CONSTANT:
             z[declared[c].axis] -= nav[NAV_SENSORS + c]
             h[declared[c].axis, SENSORS + c] = 1.0
 
@@ -671,7 +671,7 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
         have[a] = 0.0
         for c in range(h.shape[1]):
             h[a, c] = 0.0
-    if kind in (FIX, PROBE):
+    if kind in (FIX, MONITOR_ONLY_FIX):
         return _observe_fix(measurements.fixes, row, nav, increments, dt, declared, c_nb, have, z, h, r)
     if kind == RANGE:
         return _observe_range(measurements.ranges, row, nav, increments, dt, declared, c_nb, have, z, h, r)

@@ -57,7 +57,7 @@ def truncated_normal(b):
 
 
 @kernel
-def excess(z, root, outliers):
+def outlier_moments(z, root, outliers):
     """Mean and variance, m, m2, of the outlier D given an innovation z of a clean 1 sigma `root`, m.
 
     Also q and `size`: the likelihood of z is exp(-q / 2) / size but for a constant; and the chance that it is clean.
@@ -95,7 +95,7 @@ def excess(z, root, outliers):
 def is_lost(rejected, outliers, most):
     """Whether a filter is wrong rather than so many ranges of a beacon in a row, which it took for outliers.
 
-    rejected: their number. most: as of the gate (`FilterModel.max_rejected`). outliers: as of `excess`.
+    rejected: their number. most: as of the gate (`FilterModel.max_rejected`). outliers: as of `outlier_moments`.
     """
     return rejected >= max(1.0 * most, outliers[4])
 

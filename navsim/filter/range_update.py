@@ -25,7 +25,7 @@ from navsim.filter.error_parametrisation import correct, error_in_filter_coordin
 from navsim.filter.error_products import move_products, start_products
 from navsim.filter.eskf import between
 from navsim.filter.measurement_kinds import RANGE
-from navsim.filter.measurement_models import is_bent, observe
+from navsim.filter.measurement_models import needs_relinearisation, observe
 from navsim.filter.update import copy_where_not, estimate_errors
 
 _MORE = 2
@@ -126,7 +126,7 @@ def predict_range(chart, row, measurements, declared, nav, increments, interval,
     m = observe(
         RANGE, row, measurements, nav, increments, interval, declared, space.c_nb, buffers.have, z, h, buffers.r
     )
-    bent = is_bent(ranges, row, h, epoch.prior[j])
+    bent = needs_relinearisation(ranges, row, h, epoch.prior[j])
     epoch.now[j] = where(bent, 1.0, 0.0)
     for a in range(m):
         for c in range(x.shape[0]):

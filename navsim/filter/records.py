@@ -148,7 +148,7 @@ class FilterModel(NamedTuple):
     """Consecutive rejections after which the filter uses the measurement regardless."""
     components: int = 0
     """Largest number of components of a Gaussian sum."""
-    widest: float = math.inf
+    split_heading_sigma: float = math.inf
     """Largest heading sigma of a component, rad."""
     clock: ReceiverClock = NO_CLOCK
     """Receiver clock of a tightly coupled filter."""

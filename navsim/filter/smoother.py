@@ -27,9 +27,9 @@ from navsim.filter.covariance import count_imu_states, gain, joseph, propagate_e
 from navsim.filter.error_parametrisation import PLAIN
 from navsim.filter.filter_loop import advance_once, can_advance, propagation_buffers, start_mechanisation
 from navsim.filter.history import as_registers, record_decision, record_innovation
-from navsim.filter.measurement_kinds import PROBE
+from navsim.filter.measurement_kinds import MONITOR_ONLY_FIX
 from navsim.filter.measurement_models import observe, slot
-from navsim.filter.outliers import add_spread, excess, expects_outliers, is_lost, widen
+from navsim.filter.outliers import add_spread, expects_outliers, is_lost, outlier_moments, widen
 from navsim.filter.receiver_clock import propagate_clock_rows
 from navsim.filter.records import MAP, NOT_USED, OUTPUT, RTS, TIME_TOLERANCE, USED
 from navsim.filter.states import (
@@ -255,7 +255,7 @@ def run(imu, measurements, events, state, model, passes, history):
                     copy_matrix(predicted[node], p)
                     used = gain(p, h, r, m, pht, s, k) & (degrees > 0.0)
                     rejected[counter] = where(astray, 0.0, rejected[counter])
-                shift, spread, _, _, clean = excess(z[0], s[0, 0], outliers)
+                shift, spread, _, _, clean = outlier_moments(z[0], s[0, 0], outliers)
                 z[0] -= shift
                 count_rejection(used, clean > 0.5, counter, rejected)
             estimate_errors(k, z, m, x)
@@ -266,7 +266,7 @@ def run(imu, measurements, events, state, model, passes, history):
                 used = weighed & (no(q > gate_limit(model.gate, degrees)) | (rejected[counter] >= model.max_rejected))
                 if expects_outliers(kind, measurements):
                     used = weighed
-                if kind == PROBE:
+                if kind == MONITOR_ONLY_FIX:
                     used = used & no(used)
                 record_decision(weighed, used, q, degrees, decay, e)
                 if not expects_outliers(kind, measurements):

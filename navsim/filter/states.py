@@ -48,7 +48,7 @@ CONSTANT = -1
 """Signal of a state whose effect does not depend on rates or forces."""
 
 
-DECLARED = np.dtype([("triad", "i8"), ("axis", "i8"), ("signal", "i8"), ("decay", "f8"), ("drive", "f8")], align=True)
+DECLARED = np.dtype([("sensor", "i8"), ("axis", "i8"), ("signal", "i8"), ("decay", "f8"), ("drive", "f8")], align=True)
 """A sensor state of a filter or of a truth. Kernels take an array of them (k,). A state x adds x to what its `triad`
 measures along `axis`. If `signal` is an axis, not `CONSTANT`, it adds x times the triad's input along that axis. Axes
 of gyros from 3 on are axes of specific force; only a truth has them. `triad` may be a kind of measurements
@@ -75,9 +75,9 @@ class Block:
     """Name, the first part of the states' names."""
     unit: str
     """Unit of each state."""
-    triad: int
+    sensor: int
     """Triad, or kind of measurements, as of `DECLARED`."""
-    through: int | None = None
+    input_axis: int | None = None
     """Input that each state multiplies, relative to its axis: 0 the same axis, 1 the next, 2 the one before; 3 more for
     specific force; None: a bias."""
     decay: float = 0.0
@@ -105,11 +105,11 @@ class Block:
         """Suffixes of the three names: body axes, with the input axis if it differs; ground axes; or numbers."""
         if self.numbered:
             return "1", "2", "3"
-        if self.triad > ACCELEROMETERS and not self.of_body:
+        if self.sensor > ACCELEROMETERS and not self.of_body:
             return "north", "east", "down"
-        if self.through in (None, 0):
+        if self.input_axis in (None, 0):
             return "x", "y", "z"
-        first, second, third = (f"{'xyz'[axis]}{'xyz'[(axis + self.through) % 3]}" for axis in range(3))
+        first, second, third = (f"{'xyz'[axis]}{'xyz'[(axis + self.input_axis) % 3]}" for axis in range(3))
         return first, second, third
 
 
@@ -122,18 +122,18 @@ def biases(gyro: tuple[float, float] = (0.0, 0.0), accel: tuple[float, float] = 
 
 
 SCALE_FACTORS = (
-    Block("gyro_scale", "1", GYROS, through=0),
-    Block("accelerometer_scale", "1", ACCELEROMETERS, through=0),
+    Block("gyro_scale", "1", GYROS, input_axis=0),
+    Block("accelerometer_scale", "1", ACCELEROMETERS, input_axis=0),
 )
 """Blocks of constant scale factors."""
 MISALIGNMENTS = (
-    Block("gyro_misalignment_next", "1", GYROS, through=1),
-    Block("gyro_misalignment_previous", "1", GYROS, through=2),
-    Block("accelerometer_misalignment_next", "1", ACCELEROMETERS, through=1),
-    Block("accelerometer_misalignment_previous", "1", ACCELEROMETERS, through=2),
+    Block("gyro_misalignment_next", "1", GYROS, input_axis=1),
+    Block("gyro_misalignment_previous", "1", GYROS, input_axis=2),
+    Block("accelerometer_misalignment_next", "1", ACCELEROMETERS, input_axis=1),
+    Block("accelerometer_misalignment_previous", "1", ACCELEROMETERS, input_axis=2),
 )
 """Blocks of constant gains to an axis from the next one (x, y, z, x) and from the one before."""
-G_SENSITIVITY = tuple(Block(f"gyro_g_sensitivity_{k}", "rad/s/(m/s2)", GYROS, through=3 + k) for k in range(3))
+G_SENSITIVITY = tuple(Block(f"gyro_g_sensitivity_{k}", "rad/s/(m/s2)", GYROS, input_axis=3 + k) for k in range(3))
 """Blocks of constant gains of gyros from specific force, of a truth alone."""
 
 
@@ -164,20 +164,20 @@ def declared(blocks: Sequence[Block]) -> np.ndarray:
 
     Raises Defect unless those of inertial sensors come first.
     """
-    others = [b.triad > ACCELEROMETERS for b in blocks]
+    others = [b.sensor > ACCELEROMETERS for b in blocks]
     if others != sorted(others):
         raise Defect(f"states of inertial sensors behind others: {', '.join(b.name for b in blocks)}")
     return np.array(
-        [(b.triad, b.first + axis, _signal(b, axis), b.decay, b.drive) for b in blocks for axis in range(b.size)],
+        [(b.sensor, b.first + axis, _signal(b, axis), b.decay, b.drive) for b in blocks for axis in range(b.size)],
         dtype=DECLARED,
     )
 
 
 def _signal(block: Block, axis: int) -> int:
     """`signal` of `DECLARED` for an axis of a block."""
-    if block.through is None:
+    if block.input_axis is None:
         return CONSTANT
-    ahead, beyond = block.through % 3, block.through // 3
+    ahead, beyond = block.input_axis % 3, block.input_axis // 3
     return 3 * beyond + (axis + ahead) % 3
 
 

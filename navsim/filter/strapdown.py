@@ -50,7 +50,7 @@ def unmixing(nav, declared, out):
     for triad in range(2):
         identity(m)
         for c in range(N_BASE - SENSORS, declared.shape[0]):
-            if declared[c].triad == triad:
+            if declared[c].sensor == triad:
                 m[declared[c].axis, declared[c].signal] += nav[NAV_SENSORS + c]
         invert3(m, out[3 * triad : 3 * triad + 3])
 
@@ -60,7 +60,7 @@ def is_mixed(declared):
     """Whether the inertial sensors have declared states other than biases, so that `unmixing` is needed."""
     mixed = False
     for c in range(N_BASE - SENSORS, declared.shape[0]):
-        mixed |= declared[c].triad <= ACCELEROMETERS
+        mixed |= declared[c].sensor <= ACCELEROMETERS
     return mixed
 
 

@@ -16,7 +16,7 @@ from navsim.filter.covariance import gain, joseph
 from navsim.filter.error_parametrisation import correct
 from navsim.filter.error_products import move_products
 from navsim.filter.history import record_decision, record_innovation, record_use
-from navsim.filter.measurement_kinds import BEACON, PROBE
+from navsim.filter.measurement_kinds import BEACON, MONITOR_ONLY_FIX
 from navsim.filter.measurement_models import observe
 from navsim.filter.outliers import add_spread, expects_outliers
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
@@ -44,7 +44,7 @@ class UpdateBuffers(NamedTuple):
     p: np.ndarray
     """(n, n) covariance likewise."""
     spread: np.ndarray
-    """(1,) variance of an outlier given its innovation (`outliers.excess`)."""
+    """(1,) variance of an outlier given its innovation (`outliers.outlier_moments`)."""
 
 
 @kernel_internal
@@ -130,7 +130,7 @@ def apply_gate(ahead, weighed, degrees, m, buffers, counter, tested, model, reje
     used = weighed & ((q <= gate_limit(model.gate, degrees)) | (rejected[counter] >= model.max_rejected))
     if not tested:
         used = weighed
-    if counter == PROBE:
+    if counter == MONITOR_ONLY_FIX:
         used = used & no(used)
     record_use(used, m, record, i)
     if not ahead:

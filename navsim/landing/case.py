@@ -151,12 +151,12 @@ class Case:
         flight, sensors = self.flight, self.design.sensors
         triads, starts = (flight.gyro, flight.accel), (flight.start, flight.initial)
         declared = zip(sensors.blocks, sensors.sigma, strict=True)
-        known = [sigma == 0.0 and block.drive == 0.0 and block.triad != SOURCE for block, sigma in declared]
+        known = [sigma == 0.0 and block.drive == 0.0 and block.sensor != SOURCE for block, sigma in declared]
         for k, triad in enumerate(triads):  # biases come first
             known[k] &= triad.initial_sigma() == triad.drive() == 0.0 and not triad.further.there
         noisy = [
             bool(sensors.noise[k] > 0.0) or triad.white() > 0.0 or triad.scale > 0.0
-            or not all(here for block, here in zip(sensors.blocks, known, strict=True) if block.triad == k)
+            or not all(here for block, here in zip(sensors.blocks, known, strict=True) if block.sensor == k)
             for k, triad in enumerate(triads)
         ]  # fmt: skip
         fixed = flight.initial.fixed is not None and bool(np.any(flight.initial.fixed))
@@ -343,7 +343,7 @@ def _filter_design(scenario: Landing, shared: SharedTruth) -> tuple[FilterDesign
         gate=gate_limits(section.gate.probability),
         max_rejected=section.gate.max_rejected,
         components=section.gaussian_sum.components,
-        widest=section.gaussian_sum.split_heading_sigma_deg * DEG,
+        split_heading_sigma=section.gaussian_sum.split_heading_sigma_deg * DEG,
         steady_force=section.steady_force,
         clock=(section.clock or scenario.receiver.clock or ClockNoise()).densities() if section.tight else None,
         correlated=correlated,

@@ -51,7 +51,7 @@ def expected_ratios(case: Case, rms: np.ndarray, sigma: np.ndarray) -> Ratios:
 def _ratios(case: Case, z: np.ndarray, runs: int, correlation: np.ndarray) -> Ratios:
     known = np.where(case.uncertain, z, np.nan)
     # not Gaussian; they enlarge the sigma of other states
-    known[:, states.SENSORS + np.flatnonzero(case.flight.model.declared["triad"] == PRODUCT)] = np.nan
+    known[:, states.SENSORS + np.flatnonzero(case.flight.model.declared["sensor"] == PRODUCT)] = np.nan
     known[0, known[0] < EXACT_START] = np.nan
     return Ratios(case.shared.filter_time, case.states, known, runs, correlation)
 
@@ -93,7 +93,7 @@ def _put_pairs(draft: ResultBuilder, case: Case) -> None:
     mine = case.flight.transmitter_states
     assert mine is not None
     own, n = transmitter_error_states(case.flight), case.flight.model.states
-    ranging = states.SENSORS + np.flatnonzero(case.flight.model.declared["triad"] == RANGE)
+    ranging = states.SENSORS + np.flatnonzero(case.flight.model.declared["sensor"] == RANGE)
     clock = np.arange(n - len(case.flight.model.clock.scales) - 1, n) if case.design.tight else np.empty(0, int)
     others = np.concatenate([np.arange(states.POS, states.POS + 3), ranging, clock]).astype(int)
     lines, along = mine.along_lines_of_sight()

@@ -141,7 +141,7 @@ def _filter_model(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
         draft["/filter/fix_velocity_ned"] = _history(ensemble, "filter_fix_velocity")
         draft["/filter/fix_covariance"] = _history(ensemble, "filter_fix_covariance")
         if case.flight.correlated_roots.size:
-            followed = [name for block in sensors.blocks if block.triad == FIX for name in block.states]
+            followed = [name for block in sensors.blocks if block.sensor == FIX for name in block.states]
             draft["/filter/fix_error"] = np.array(followed, dtype=object)
             draft["/filter/fix_effect"] = case.flight.correlated_roots
 

@@ -18,7 +18,15 @@ import numpy as np
 from navsim.filter import states
 from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import FILTER_KINDS, estimate, is_smoother, lost
-from navsim.filter.measurement_kinds import FIX, PROBE, RANGE, FixTable, Measurements, RangeTable, VehicleTable
+from navsim.filter.measurement_kinds import (
+    FIX,
+    MONITOR_ONLY_FIX,
+    RANGE,
+    FixTable,
+    Measurements,
+    RangeTable,
+    VehicleTable,
+)
 from navsim.filter.records import (
     NOT_USED,
     REJECTED,
@@ -463,7 +471,7 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float, stops: bool = 
         fixes = _positions_and_velocities(fixes, older > at)
         fix_valid = np.concatenate([valid, np.maximum(older, at)])
         fix_known = fix_valid if is_smoother(kind) else np.tile(arrival, 2)
-    tables[PROBE if design.tight else FIX] = fixes
+    tables[MONITOR_ONLY_FIX if design.tight else FIX] = fixes
     aid_rows = tuple(np.flatnonzero((aid.time > at) & (aid.time <= end + 1e-9)) for aid in flight.aids)
     of_aids = []
     for which in dict.fromkeys(aid.kind for aid in flight.aids):
@@ -476,12 +484,12 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float, stops: bool = 
         time = np.concatenate([aid.time[keep] for aid, keep in same])
         of_aids.append((which, time, time))
     epoch = np.nonzero(heard)[0]
-    of_fixes = (PROBE if design.tight else FIX, fix_valid, fix_known)
+    of_fixes = (MONITOR_ONLY_FIX if design.tight else FIX, fix_valid, fix_known)
     events = schedule(outputs, of_fixes, (RANGE, valid[epoch], known[epoch]), *of_aids)
     densities = noise_of(flight, design)
     densities = densities if densities.shape[0] == 1 else densities[within]
     model = replace(design, kind=kind).model(densities, scales)
-    pairs = events.rows(PROBE if design.tight else FIX).reshape(2 if apart else 1, count)
+    pairs = events.rows(MONITOR_ONLY_FIX if design.tight else FIX).reshape(2 if apart else 1, count)
     table = np.full(heard.shape, -1)
     table[heard] = events.rows(RANGE)
 

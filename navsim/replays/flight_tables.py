@@ -116,7 +116,7 @@ def start_of(
     matrix[moving, correlated] = -begin.effect
     matrix[correlated, moving] = -begin.effect.T
     # the start contains the lasting error of its heading, whose state is the last one
-    if design.sensors.blocks[-1].triad == HEADING and begin.kept is None:
+    if design.sensors.blocks[-1].sensor == HEADING and begin.kept is None:
         matrix[att, -1] = matrix[-1, att] = -(design.sensors.sigma[-1] ** 2) * alignment.by_heading
     return _with_clock(nav, matrix, begin, ranges, scales)
 

@@ -180,7 +180,7 @@ class Recording:
             gate=gate_limits(gate.probability),
             max_rejected=NEVER if gate.max_rejected is None else gate.max_rejected,
             components=section.gaussian_sum.components,
-            widest=section.gaussian_sum.split_heading_sigma_deg * DEG,
+            split_heading_sigma=section.gaussian_sum.split_heading_sigma_deg * DEG,
             # without velocities nothing confirms those of the filter
             steady_force=section.steady_force and self.has_velocity,
             clock=self.scenario.gnss.clock.densities() if self.tight else None,

@@ -28,7 +28,7 @@ _STATES = ("hard_iron", "field_model", "scale", "misalignment_next", "misalignme
 _AXES = (0, 3, 0, 0, 0, 6)
 """First number of each in `filter.measurement_kinds`."""
 _INPUT = (None, None, 0, 1, 2, None)
-"""Field that a soft iron error multiplies, as `Block.through`."""
+"""Field that a soft iron error multiplies, as `Block.input_axis`."""
 
 
 @dataclass(frozen=True)

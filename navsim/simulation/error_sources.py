@@ -134,7 +134,7 @@ def propagate_ranging_errors(
     s = flight.shared.signals
     assert s.correlated is not None
     n, kinds_and_sources = along.lin.assumed.shape[1], s.correlated.sigma.shape[::2]
-    followed_ = np.flatnonzero(np.isin(flight.model.declared["triad"], (FIX, RANGE))) + states.SENSORS
+    followed_ = np.flatnonzero(np.isin(flight.model.declared["sensor"], (FIX, RANGE))) + states.SENSORS
     of_states = flight.correlated_of_states
 
     def shown(epoch: int) -> np.ndarray:
@@ -173,13 +173,13 @@ def source_names(aid: Aid) -> tuple[str, ...]:
 
 def sensor_error_states(flight: Flight, aid: Aid) -> np.ndarray:
     """Indices of the filter's states for the time-correlated errors of a sensor."""
-    each = states.SENSORS + np.flatnonzero(flight.model.declared["triad"] == aid.sensor.kind)
+    each = states.SENSORS + np.flatnonzero(flight.model.declared["sensor"] == aid.sensor.kind)
     return np.asarray(each[: len(aid.sensor.followed) * aid.sensor.components])
 
 
 def transmitter_error_states(flight: Flight) -> np.ndarray:
     """Indices of the filter's states for errors of transmitters (q,)."""
-    return states.SENSORS + np.flatnonzero(flight.model.declared["triad"] == SOURCE)
+    return states.SENSORS + np.flatnonzero(flight.model.declared["sensor"] == SOURCE)
 
 
 def propagate_sensor_errors(

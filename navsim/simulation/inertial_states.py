@@ -25,8 +25,8 @@ default. Without the state, sigma would be too small by sqrt(1 + 0.3^2) - 1, 4 %
 
 def _sigma(block: Block, triads: Sequence[Triad]) -> float:
     """1 sigma of gains of a block."""
-    triad = triads[block.triad]
-    return triad.scale if block.through == 0 else triad.further.misalignment
+    triad = triads[block.sensor]
+    return triad.scale if block.input_axis == 0 else triad.further.misalignment
 
 
 def gains_that_matter(gyro: Triad, accel: Triad, dtheta: np.ndarray, dv: np.ndarray, dt: float) -> tuple[Block, ...]:
@@ -40,8 +40,8 @@ def gains_that_matter(gyro: Triad, accel: Triad, dtheta: np.ndarray, dv: np.ndar
     """
     triads, out = (gyro.merged(), accel.merged()), []
     for block in GAINS:
-        sigma, triad = _sigma(block, triads), triads[block.triad]
-        felt = (dtheta, dv)[block.triad]
+        sigma, triad = _sigma(block, triads), triads[block.sensor]
+        felt = (dtheta, dv)[block.sensor]
         # the axis with the largest input counts, whichever axis the gain acts on
         adding = np.concatenate([np.zeros((1, 3)), np.cumsum(felt, axis=0)])
         length = max(1, round(1.0 / dt))
@@ -101,7 +101,7 @@ def true_states(gyro: Triad, accel: Triad) -> tuple[TrueState, ...]:
     gains = (
         *((block.name, block, t.scale) for block, (_, t) in zip(states.SCALE_FACTORS, triads, strict=True)),
         *(
-            (f"{triads[block.triad][0]}_misalignment", block, triads[block.triad][1].further.misalignment)
+            (f"{triads[block.sensor][0]}_misalignment", block, triads[block.sensor][1].further.misalignment)
             for block in states.MISALIGNMENTS
         ),
         *(("gyro_g_sensitivity", block, gyro.further.g_sensitivity) for block in states.G_SENSITIVITY),
@@ -120,14 +120,18 @@ def true_values(blocks: Sequence[Block], errors: SensorErrors) -> np.ndarray:
     """True values (o, k, W) of the filter's inertial sensor states, from errors with a bias (o, 6, W)."""
     columns = []
     for block in blocks:
-        if block.triad not in (states.GYROS, states.ACCELEROMETERS):
+        if block.sensor not in (states.GYROS, states.ACCELEROMETERS):
             continue  # an error of measurements
-        part = slice(3 * block.triad, 3 * block.triad + 3)
+        part = slice(3 * block.sensor, 3 * block.sensor + 3)
         bias = errors.bias[:, part]
-        if block.through is None:
+        if block.input_axis is None:
             columns.append(bias)
             continue
         own = np.arange(3)
-        gains = errors.scale[part] if block.through == 0 else errors.cross[block.triad, own, (own + block.through) % 3]
+        gains = (
+            errors.scale[part]
+            if block.input_axis == 0
+            else errors.cross[block.sensor, own, (own + block.input_axis) % 3]
+        )
         columns.append(np.broadcast_to(gains, bias.shape))
     return np.ascontiguousarray(np.concatenate(columns, axis=1))

@@ -19,8 +19,7 @@ from navsim.compiler.jit import kernel
 from navsim.compiler.lanes import WIDTH
 from navsim.filter import states
 from navsim.filter.error_products import FIRST
-from navsim.filter.estimate import fly as fly_filter
-from navsim.filter.estimate import in_all_lanes
+from navsim.filter.estimate import in_all_lanes, run_filter
 from navsim.filter.measurement_kinds import FIX, PRODUCT, RANGE, SOURCE, FixTable, Measurements, RangeTable
 from navsim.filter.records import (
     TIME_TOLERANCE,
@@ -165,7 +164,7 @@ def draw(
     true.update(noise.aids)
     if flight.transmitter_states is not None:
         true[SOURCE] = flight.transmitter_states.true_values(shared.filter_time, seed, runs, WIDTH)
-    kinds = dict.fromkeys(block.triad for block in design.sensors.blocks if block.triad > states.ACCELEROMETERS)
+    kinds = dict.fromkeys(block.sensor for block in design.sensors.blocks if block.sensor > states.ACCELEROMETERS)
     if PRODUCT in kinds:
         true[PRODUCT] = np.zeros((shared.filter_time.size, len(FIRST), WIDTH))  # outputs add those of the error
     sensors = np.concatenate([true[kind] for kind in (states.GYROS, *kinds)], axis=1)
@@ -474,7 +473,7 @@ def _filter(flight: Flight, inputs: Inputs) -> _Filtered:
             single=n - 3 * len(states.slices(design.sensors.blocks)), innovations=flight.bank is not None,
         )  # fmt: skip
         start_, imu = initial_state(flight, nav, in_all_lanes(flight.covariance)), (inputs.dtheta, inputs.dv)
-        fly_filter(ImuData(shared.imu_time, *imu), tables, flight.events, start_, flight.model, errors)
+        run_filter(ImuData(shared.imu_time, *imu), tables, flight.events, start_, flight.model, errors)
         return errors
 
     errors = fly(tables)

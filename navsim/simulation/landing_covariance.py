@@ -134,7 +134,7 @@ class _Augmented:
         self.decay = truth["decay"]
         self.to_error = np.zeros((self.n, self.size))
         self.to_error[:, : self.n] = np.eye(self.n)
-        means = [np.stack([d["triad"], d["axis"], d["signal"]], axis=1) for d in (mine, truth)]
+        means = [np.stack([d["sensor"], d["axis"], d["signal"]], axis=1) for d in (mine, truth)]
         same = (means[0][:, None] == means[1][None]).all(axis=2)
         self.to_error[states.SENSORS : self.clock[0], self.n :] = same
         self.markov = self.n + FIRST_MARKOV + np.arange(states.N_BASE - states.SENSORS)
@@ -297,7 +297,7 @@ def analyse(
     white &= all(aid.sensor.is_true_model for aid in shared.aids)
     # every true error has its state, and all equal the filter model
     matched = carried.to_error[states.SENSORS :, n:].any(axis=0).all()
-    inertial = tuple(b for b in design.sensors.blocks if b.triad in (states.GYROS, states.ACCELEROMETERS))
+    inertial = tuple(b for b in design.sensors.blocks if b.sensor in (states.GYROS, states.ACCELEROMETERS))
     matched &= _same(replace(design.sensors, blocks=inertial), followed(gyro, accel, design.sensors.blocks))
     if design.clock is not None:
         matched &= np.allclose(design.clock, shared.clock_density, rtol=1e-12, atol=0.0)

@@ -146,7 +146,7 @@ def shaken(kind: str, steady: bool, gusts: float, runs: int) -> tuple[float, flo
         )
         truth = Truth(llh + metre * moved[at_output], velocity + faster[at_output], quaternion, inputs.sensors)
         account = empty_error_history(truth, flight.model.states, flight.events.time.size, WIDTH)
-        estimate.fly(batch.imu, tables, flight.events, batch.state, flight.model, account)
+        estimate.run_filter(batch.imu, tables, flight.events, batch.state, flight.model, account)
         found.append([account.errors.error[-1, PHI_D], account.sigma[-1, PHI_D]])
     error, sigma = np.concatenate(found, axis=1)
     return float(np.degrees(np.sqrt(np.mean(error**2)))), float(np.sqrt(np.mean((error / sigma) ** 2)))

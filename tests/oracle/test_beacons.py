@@ -14,7 +14,7 @@ from navsim.filter import states
 from navsim.filter.error_products import move_products, start_products
 from navsim.filter.measurement_kinds import BEACON, PRODUCT, Measurements
 from navsim.filter.measurement_models import observe
-from navsim.filter.outliers import excess
+from navsim.filter.outliers import outlier_moments
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.dop import dops
 from navsim.gnss.ranging_geometry import mixed_dops, range_dops
@@ -109,7 +109,7 @@ def test_update_with_a_mixture(within: Within, mixture: tuple[float, ...]) -> No
         total = simpson(density, x=x)
         mean = simpson(density * x, x=x) / total
         second = simpson(density * (x - mean) ** 2, x=x) / total
-        shift, spread, q, size, _ = excess(z, math.sqrt(s), np.array(mixture))
+        shift, spread, q, size, _ = outlier_moments(z, math.sqrt(s), np.array(mixture))
         gain = a / s
         assert gain * (z - shift) == pytest.approx(mean, rel=within["moments"], abs=1e-6 * math.sqrt(a))
         assert a - gain * a + gain**2 * spread == pytest.approx(second, rel=within["moments"])
@@ -148,7 +148,7 @@ def test_products_of_the_position_error() -> None:
                  "range_limit_m: 9000, bias_sigma_m: 0, growth_m: 3, growth_distance_m: 50}")  # fmt: skip
     (aid,) = flown.shared.aids
     tables, declared = Measurements.of({BEACON: aid.table(aid.measured(5, 0))}), flown.flight.model.declared
-    assert (declared["triad"][-6:] == PRODUCT).all()
+    assert (declared["sensor"][-6:] == PRODUCT).all()
     nav, zs = np.zeros(states.NAV_SENSORS + declared.size), []
     nav[states.NAV_QUAT] = 1.0
     nav[states.NAV_LLH : states.NAV_VEL] = here = flown.trajectory.llh(aid.time)[100]

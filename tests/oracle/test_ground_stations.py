@@ -57,8 +57,8 @@ def test_stations(within: Within) -> None:
     nav = np.zeros(states.NAV_SENSORS + declared.size)
     nav[states.NAV_LLH : states.NAV_VEL], nav[states.NAV_QUAT : states.NAV_BIAS_FRAME] = llh, quaternion(c_nb)
     for k, one in enumerate(declared):
-        if one["triad"] in BIAS:
-            nav[states.NAV_SENSORS + k] = BIAS[one["triad"]][one["axis"]]
+        if one["sensor"] in BIAS:
+            nav[states.NAV_SENSORS + k] = BIAS[one["sensor"]][one["axis"]]
 
     def ecef(ned: np.ndarray, lat: float, lon: float) -> np.ndarray:
         """A direction in axes of a point, in those of the Earth."""
@@ -89,6 +89,6 @@ def test_stations(within: Within) -> None:
         found = np.array([exact(s, none).imag for s in steps] + [exact(none, s).imag for s in steps]) / 1e-30
         mine = np.concatenate([h[0, states.POS : states.VEL], h[0, states.ATT : states.ATT + 3]])
         assert np.abs(mine - found).max() < within["derivatives"] * np.abs(found).max()
-        own = [1.0 if one["triad"] == kind else 0.0 for one in declared]
+        own = [1.0 if one["sensor"] == kind else 0.0 for one in declared]
         np.testing.assert_array_equal(h[0, states.SENSORS :], own)
         assert not h[0, states.VEL : states.ATT].any()

@@ -211,7 +211,7 @@ def _without_ahead(events: Events) -> Events:
 
 def _model(kind: int, model: FilterModel) -> FilterModel:
     """The model of another kind; a Gaussian sum has little room, and divides and merges all the time."""
-    return model._replace(kind=kind, components=9 if kind == GAUSSIAN_SUM else 0, widest=0.03)
+    return model._replace(kind=kind, components=9 if kind == GAUSSIAN_SUM else 0, split_heading_sigma=0.03)
 
 
 Spoil = Callable[[State, dict[str, np.ndarray]], None]
@@ -327,7 +327,7 @@ def test_an_account_is_what_the_history_is_worth(kind: str) -> None:
     imu, measurements, events, state, model, truth = _before(lanes.WIDTH, number, _bad_company(0))
     account = empty_error_history(truth, history["error"].shape[1], events.time.size, lanes.WIDTH)
     every = _tiled(imu.dtheta, lanes.WIDTH), _tiled(imu.dv, lanes.WIDTH)
-    estimate.fly(ImuData(imu.time, *every), measurements, events, state, model, account)
+    estimate.run_filter(ImuData(imu.time, *every), measurements, events, state, model, account)
     for name in OutputErrors._fields:
         np.testing.assert_array_equal(getattr(account.errors, name), history[name], err_msg=name)
     for name in ("innovation_squared", "degrees", "status"):
