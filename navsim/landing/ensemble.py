@@ -151,7 +151,7 @@ class LandingStudy:
             outputs = output_flaws(runs)
             error = runs.error[:, window]
             squares, rpy, turn = mean_square(error), route_rpy, to_rpy
-            if self.case.shared.ways is not None:
+            if self.case.shared.dispersion is not None:
                 rpy = runs.attitude[:, window]
                 turn = rpy_jacobian(rpy)
             rows.append(
@@ -512,7 +512,7 @@ def variances_at_heights(case: Case, crossings: list[float], covariance: np.ndar
 
 def technical(case: Case, crossings: list[float], runs: Run) -> dict[str, np.ndarray]:
     """Flight-technical errors (run, h, 3) at the crossings of the route, where runs deviate from it, and their ends."""
-    ways = case.shared.ways
+    ways = case.shared.dispersion
     if ways is None:
         return {}
     error = runs.error[..., states.SLICES["position"]] @ to_runway(case).T
@@ -523,7 +523,7 @@ def technical(case: Case, crossings: list[float], runs: Run) -> dict[str, np.nda
 def _technical(case: Case, when: list[float], runs: Run) -> np.ndarray:
     """Deviation of each run from the route (run, h, 3); with guidance by estimates, the deviation of the estimate."""
     off = at_times(case, when, runs.deviation)
-    ways = case.shared.ways
+    ways = case.shared.dispersion
     return off if ways is None or not ways.steered else off - at_heights(case, when, runs.error)
 
 

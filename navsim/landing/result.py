@@ -91,7 +91,7 @@ def _receiver(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     draft["/receiver/clock_name"] = np.array([CLOCKS[c] for c in clocks], dtype=object)
     draft["/receiver/position_llh"] = _history(ensemble, "fix_llh")
     draft["/receiver/velocity_ned"] = _history(ensemble, "fix_velocity")
-    if case.shared.ways is not None:
+    if case.shared.dispersion is not None:
         draft["/receiver/true_position_llh"] = _history(ensemble, "antenna", llh_from_ecef)
     if case.shared.fix_states is not None:
         for name in ("fix_state", "fix_flag"):
@@ -107,7 +107,7 @@ def _filter(draft: ResultBuilder, case: Case, ensemble: Ensemble, keep: str) -> 
     draft["/filter/sigma"] = _history(ensemble, "sigma")
     for name, degrees in _nees_degrees(case):
         draft.put(f"/filter/{name}", _history(ensemble, name), {"degrees_of_freedom": degrees})
-    if shared.ways is not None:
+    if shared.dispersion is not None:
         for i, axis in enumerate(RUNWAY_AXES):
             if keep == "all":
                 draft[f"/filter/gust_{axis}"] = _history(ensemble, "gust", lambda block, i=i: block[..., i])  # type: ignore[misc]

@@ -62,7 +62,7 @@ def of_runs(case: Case, runs: Run, total: np.ndarray, of_estimate: np.ndarray) -
     """Numbers of each of several runs; total, of_estimate: deviations (run, o, 3) of aircraft and of their estimates
     from the route."""
     out: Arrays = {"touchdown": runs.touchdown}
-    if case.shared.ways is not None and case.shared.ways.breaks_off:
+    if case.shared.dispersion is not None and case.shared.dispersion.breaks_off:
         out["go_around"] = runs.go_around
     shown = scales_of(case)
     if shown is None:
@@ -93,7 +93,7 @@ def went_around_at_heights(case: Case, ensemble: Ensemble) -> np.ndarray:
 
 def put_total_errors(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     """Write the total system errors, and the ends of the runs; nothing if all fly the route."""
-    if case.shared.ways is None:
+    if case.shared.dispersion is None:
         return
     at, technical = ensemble.per_run("at_height"), ensemble.per_run("at_deviation")
     times = np.array(crossing_times(case))
@@ -106,7 +106,7 @@ def put_total_errors(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> No
         draft[f"/summary/at/{name}_tse_percentile"] = np.stack([_percentiles(column) for column in values.T])
     _put_indicated(draft, case, ensemble, times, technical)
     _put_touchdown(draft, case, ensemble)
-    if case.shared.ways.breaks_off:
+    if case.shared.dispersion.breaks_off:
         _put_go_arounds(draft, ensemble)
 
 

@@ -21,7 +21,7 @@ from navsim.simulation.dispersion_kernels import deviate, ranges_from
 from navsim.statistics.random_streams import generator
 from navsim.trajectory.air import Air
 from navsim.trajectory.broken_off import Endings, LandingEnd
-from navsim.trajectory.dispersion import Departure, Disturbance, deviated
+from navsim.trajectory.dispersion import Disturbance, PathDeviation, deviated
 from navsim.trajectory.guidance import GuidanceErrors
 from navsim.trajectory.kinematics import EARTH_RATE, Frame, Motion, Trajectory
 
@@ -46,7 +46,7 @@ class RunTrajectory:
     """Trajectory of one run for sensors beside the receiver (`aiding`)."""
 
     route: CachedRoute
-    departure: Departure
+    departure: PathDeviation
     """Of all lanes."""
     lane: int
 
@@ -89,7 +89,7 @@ class DispersedTrajectories(NamedTuple):
     """(e, s, W) at fixes."""
     rates: np.ndarray
     """(e, s, W) at fixes."""
-    departure: Departure
+    departure: PathDeviation
     motion: Motion
     """At the filter's outputs, of runs one after the other (W o)."""
 
@@ -100,7 +100,7 @@ class DispersedTrajectories(NamedTuple):
 
     @property
     def gust(self) -> np.ndarray:
-        """(o, 3, W) see `Departure`."""
+        """(o, 3, W) see `PathDeviation`."""
         return self.departure.gust_at(self.motion.time[: len(self.llh)])
 
 
@@ -198,7 +198,7 @@ class Dispersion:
         lanes: int,
         known: GuidanceErrors | None = None,
         begin: np.ndarray | None = None,
-    ) -> Departure:
+    ) -> PathDeviation:
         """Deviations of the runs from the route, in the first of so many lanes; further lanes repeat the last run.
 
         known: errors of the estimates that steer, None before they are known. begin: (W,) when they begin a go-around,
@@ -216,7 +216,7 @@ class Dispersion:
             each[..., len(runs) :] = each[..., len(runs) - 1 : len(runs)]
         return departure
 
-    def flown(self, departure: Departure) -> DispersedTrajectories:
+    def flown(self, departure: PathDeviation) -> DispersedTrajectories:
         """Trajectories of runs with these deviations."""
         frame, lanes = self.trajectory.frame, departure.way.shape[2]
         dtheta, dv = (np.empty((*m.shape, lanes)) for m in self.increments)

@@ -76,7 +76,7 @@ def _consistent(flight: Flight, errors: ErrorHistory) -> np.ndarray:
     """Whether innovations of a filter are as small as their sigma says, over a window before each epoch (e, W)."""
     assert flight.watching is not None
     time, events = flight.shared.filter_time[1:], flight.events
-    own = np.concatenate([flight.weighed[flight.weighed >= 0],
+    own = np.concatenate([flight.event_of_measurement[flight.event_of_measurement >= 0],
                           *(events.rows(aid.sensor.kind) for aid in flight.shared.aids)])  # fmt: skip
     epoch = np.searchsorted(time, events.time[own] - TIME_TOLERANCE)
     own, epoch = own[epoch < time.size], epoch[epoch < time.size]

@@ -120,7 +120,7 @@ class Flight:
     """(n, n) initial covariance of the filter."""
     events: Events
     """In the order of the filter."""
-    weighed: np.ndarray
+    event_of_measurement: np.ndarray
     """(e, 1) event of each fix, or (e, s) of each range; -1 for a range that is not received."""
     model: FilterModel
     """`design` for the kernels."""
@@ -399,7 +399,7 @@ class Flight:
     @cached_property
     def along_route(self) -> Flight:
         """Copy whose runs fly the route."""
-        return replace(self, shared=replace(self.shared, ways=None))
+        return replace(self, shared=replace(self.shared, dispersion=None))
 
     @property
     def with_receiver_fixes(self) -> Flight:

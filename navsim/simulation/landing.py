@@ -70,7 +70,7 @@ from navsim.simulation.measurements import (
 from navsim.simulation.run import MonitorOutput, Run
 from navsim.simulation.shared_truth import ClockErrors, SharedTruth, smoothed
 from navsim.statistics.random_streams import generator
-from navsim.trajectory.dispersion import Departure
+from navsim.trajectory.dispersion import PathDeviation
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class Noise:
 
 
 def draw(
-    flight: Flight, seed: int, runs: Sequence[int], departure: Departure | None = None, noise: Noise | None = None
+    flight: Flight, seed: int, runs: Sequence[int], departure: PathDeviation | None = None, noise: Noise | None = None
 ) -> Inputs:
     """Inputs of at most WIDTH landings, numbered `runs`, of the ensemble of `seed`; further lanes repeat the last one.
 
@@ -144,11 +144,13 @@ def draw(
     noise = Noise.of(flight, seed, runs) if noise is None else noise
     shared, design = flight.shared, flight.design
     flown = None
-    if shared.ways is not None:
-        flown = shared.ways.flown(shared.ways.departure(seed, runs, WIDTH) if departure is None else departure)
+    if shared.dispersion is not None:
+        flown = shared.dispersion.flown(
+            shared.dispersion.departure(seed, runs, WIDTH) if departure is None else departure
+        )
     aided, aided_exact = (tuple(np.empty((*aid.exact.shape, WIDTH)) for aid in shared.aids) for _ in range(2))
     for lane, run in enumerate(runs if aided else ()):
-        way = None if shared.ways is None or flown is None else shared.ways.of_run(flown, lane)
+        way = None if shared.dispersion is None or flown is None else shared.dispersion.of_run(flown, lane)
         for aid, of_aid, exact_of_aid in zip(shared.aids, aided, aided_exact, strict=True):
             exact_of_aid[..., lane] = aid.exact_on(way)
             of_aid[..., lane] = aid.measured(seed, run, way, exact_of_aid[..., lane])
@@ -297,7 +299,7 @@ def fly_runs(
     Aircraft that their estimates steer, or that an alarm breaks off, fly until the loop closes. Guidance acts on the
     past alone. So each flight is right for longer than the one before, and one trajectory alone reproduces itself.
     Runs that need more than TOGETHER flights fly them beside those of other lanes."""
-    packs, ways = [runs[i : i + WIDTH] for i in range(0, len(runs), WIDTH)], flight.shared.ways
+    packs, ways = [runs[i : i + WIDTH] for i in range(0, len(runs), WIDTH)], flight.shared.dispersion
     if ways is None or not ways.depends:
         for pack in packs:
             inputs = draw(flight, seed, pack)
@@ -307,8 +309,8 @@ def fly_runs(
     still_open: list[_OpenRun] = []
 
     def flown(
-        pack: Sequence[int], noise: Noise, departure: Departure, flights: int
-    ) -> tuple[Run, np.ndarray, Departure]:
+        pack: Sequence[int], noise: Noise, departure: PathDeviation, flights: int
+    ) -> tuple[Run, np.ndarray, PathDeviation]:
         """Runs of a pack, which of them have closed their loops, and the departures that their estimates command."""
         gap = np.full(WIDTH, np.inf)
         for last in reversed(range(flights)):
@@ -336,7 +338,7 @@ def fly_runs(
         while len(still_open) >= WIDTH or (still_open and number == len(packs) - 1):
             now_open, still_open = still_open[:WIDTH], still_open[WIDTH:]
             pack = [packs[one.pack][one.place] for one in now_open]
-            departure = Departure.of_lanes([one.departure for one in now_open], WIDTH)
+            departure = PathDeviation.of_lanes([one.departure for one in now_open], WIDTH)
             made, closed, now = flown(pack, Noise.of(flight, seed, pack), departure, 1)
             for lane, one in enumerate(now_open):
                 if closed[lane] or one.flights + 1 == MOST_FLIGHTS:
@@ -352,13 +354,13 @@ class _OpenRun:
 
     pack: int
     place: int
-    departure: Departure
+    departure: PathDeviation
     flights: int
 
 
-def _commanded(flight: Flight, seed: int, runs: Sequence[int], inputs: Inputs, filtered: _Filtered) -> Departure:
+def _commanded(flight: Flight, seed: int, runs: Sequence[int], inputs: Inputs, filtered: _Filtered) -> PathDeviation:
     """Departures that the estimates and alarms of runs command."""
-    ways, known = flight.shared.ways, None
+    ways, known = flight.shared.dispersion, None
     assert ways is not None
     if ways.steered:  # a run's numbers lie side by side: sums over them have one order
         errors = _of_runs(filtered.errors.errors.error[:, states.POS : states.ATT], WIDTH)
@@ -574,12 +576,12 @@ def _as_runs(
     for name in ("state", "flag"):
         own[f"fix_{name}"] = none if stated is None else getattr(stated, name).astype(float)
     own |= {"touchdown": none, "go_around": none}
-    if inputs.flown is not None and shared.ways is not None:
+    if inputs.flown is not None and shared.dispersion is not None:
         flown = inputs.flown
         own |= {"deviation": flown.deviation, "attitude": flown.rpy, "antenna": flown.antenna, "gust": flown.gust}
-        ends = shared.ways.endings(flown)
+        ends = shared.dispersion.endings(flown)
         own["touchdown"] = ends.touchdown
-        if shared.ways.breaks_off:
+        if shared.dispersion.breaks_off:
             own["go_around"] = ends.go_around
     monitored = _monitored(flight, inputs, filtered, count)
     return Run(
@@ -641,7 +643,7 @@ def _of_events(
 def _of_epochs(flight: Flight, of_events: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Innovations squared, degrees and status of each epoch (r, e), from those of all events (r, k), and range_status
     (r, e, s), see `records.by_epoch`."""
-    weighed = flight.weighed
+    weighed = flight.event_of_measurement
     if not flight.design.tight:
         of_fixes = {name: values[:, weighed[:, 0]] for name, values in of_events.items()}
         return {**of_fixes, "range_status": np.empty((*of_fixes["status"].shape, 0), np.int64)}

@@ -61,7 +61,7 @@ class SharedTruth:
     """Distribution of the ranging noise if it is not Gaussian."""
     fix_states: FixStates | None = None
     """States of the receiver's fixes; None: fixes follow from the ranges."""
-    ways: Dispersion | None = None
+    dispersion: Dispersion | None = None
     """Common data of the trajectories of runs that deviate from the route; None if all runs fly the route."""
 
     @property
@@ -138,7 +138,7 @@ def build_shared_truth(
         aids=aids_of(aiding, trajectory, duration, imu_rate),
         noise_distribution=environment.effects.noise_distribution,
         fix_states=receiver.states,
-        ways=ways,
+        dispersion=ways,
     )
 
 

@@ -53,7 +53,7 @@ def steer(
     way, turn,
 ):  # fmt: skip
     """Add the motion of steered aircraft, which begin on their route, to `way` (n, 9) and `turn` (n, 6) of lanes, see
-    `Departure`.
+    `PathDeviation`.
 
     - `step`: s between samples.
     - `first` (m,): samples from which guidance has `error` (m, 3, 2), truth minus estimate, along axes of the course:

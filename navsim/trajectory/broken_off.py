@@ -13,7 +13,7 @@ import numpy as np
 
 from navsim.trajectory.air import Air
 from navsim.trajectory.approach import GLIDE_START, TOUCHDOWN
-from navsim.trajectory.dispersion import Departure
+from navsim.trajectory.dispersion import PathDeviation
 from navsim.trajectory.go_around import with_go_around
 from navsim.trajectory.kinematics import Trajectory
 from navsim.trajectory.path import Path
@@ -66,7 +66,7 @@ class LandingEnd:
         due = alerts & due[:, None]
         return np.where(due.any(axis=0), begin[np.argmax(due, axis=0)], np.inf)
 
-    def broken_off(self, departure: Departure, begin: np.ndarray) -> Departure:
+    def broken_off(self, departure: PathDeviation, begin: np.ndarray) -> PathDeviation:
         """Deviations from the route with go-arounds that begin at times (W,), s, inf for none; changes `departure`."""
         assert self.air.go_around is not None
         path = self.trajectory.path
@@ -93,7 +93,7 @@ class LandingEnd:
             self.climbs[begin] = climbing.jet(self.time[first:])[:, :3]
         return self.climbs[begin]
 
-    def endings(self, departure: Departure) -> Endings:
+    def endings(self, departure: PathDeviation) -> Endings:
         """Ends of runs with these deviations."""
         jet, way = self._jet, departure.way
         begin = np.broadcast_to(departure.begin, way.shape[2])
@@ -115,7 +115,7 @@ class LandingEnd:
                 self._touch(out, lane, last, departure, up)
         return out
 
-    def _touch(self, out: Endings, lane: int, at: int, departure: Departure, up: np.ndarray) -> None:
+    def _touch(self, out: Endings, lane: int, at: int, departure: PathDeviation, up: np.ndarray) -> None:
         """Write the touchdown of a run that goes on from a sample in a straight line to the ground."""
         place, speed = (self._jet[at, order] + departure.way[at, 3 * order : 3 * order + 3, lane] for order in (0, 1))
         sink = speed[2] + self.air.rise * speed[0]

@@ -12,7 +12,7 @@ def interpolate(first, since, steps, way, turn, out_way, out_turn):
 
     - `first` (m,): the sample before each time; `since` (m,): time since then, s.
     - `steps` (4,): powers 1 to 4 of the time between samples, s.
-    - `way` (k, 9), `turn` (k, 6): see `Departure`. Written: `out_way` (m, 9), `out_turn` (m, 6).
+    - `way` (k, 9), `turn` (k, 6): see `PathDeviation`. Written: `out_way` (m, 9), `out_turn` (m, 6).
     """
     way, turn, out_way, out_turn = as_simd(way), as_simd(turn), as_simd(out_way), as_simd(out_turn)
     h, h2, h3, h4 = steps[0], steps[1], steps[2], steps[3]

@@ -1,7 +1,7 @@
 """Deviations of runs from a reference: flight-technical error, turbulence, gusts, errors of an autopilot's estimates.
 
 `Air` describes the causes (`navsim.trajectory.air`). Along a trajectory it becomes a `Disturbance`, which draws a
-`Departure` for each run; `deviated` is the resulting motion. Equations: `docs/theory/air.md`, sections 3 to 5.
+`PathDeviation` for each run; `deviated` is the resulting motion. Equations: `docs/theory/air.md`, sections 3 to 5.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Departure:
+class PathDeviation:
     """Deviations of runs from the route at equally spaced times."""
 
     time: np.ndarray
@@ -45,20 +45,20 @@ class Departure:
     begin: np.ndarray = field(default_factory=lambda: np.array(np.inf))
     """(W,) or () when runs begin a go-around after an alarm, s; inf for none."""
 
-    def where(self, kept: np.ndarray, other: Departure) -> Departure:
+    def where(self, kept: np.ndarray, other: PathDeviation) -> PathDeviation:
         """These deviations in the lanes (W,) that are kept, and others elsewhere."""
         if not kept.any():
             return other
         pairs = ((getattr(self, name), getattr(other, name)) for name in ("way", "turn", "gust", "begin"))
-        return Departure(self.time, *(np.where(kept, own, new) for own, new in pairs))
+        return PathDeviation(self.time, *(np.where(kept, own, new) for own, new in pairs))
 
-    def lane(self, i: int) -> Departure:
+    def lane(self, i: int) -> PathDeviation:
         """Copy of one lane."""
         begin = np.broadcast_to(self.begin, self.way.shape[2:])
-        return Departure(self.time, *(m[..., i : i + 1].copy() for m in (self.way, self.turn, self.gust, begin)))
+        return PathDeviation(self.time, *(m[..., i : i + 1].copy() for m in (self.way, self.turn, self.gust, begin)))
 
     @classmethod
-    def of_lanes(cls, each: Sequence[Departure], lanes: int) -> Departure:
+    def of_lanes(cls, each: Sequence[PathDeviation], lanes: int) -> PathDeviation:
         """Departures of one lane in the first of so many; further lanes repeat the last."""
         every = [*each, *[each[-1]] * (lanes - len(each))]
         parts = ([getattr(one, name) for one in every] for name in ("way", "turn", "gust", "begin"))
@@ -132,7 +132,7 @@ class Disturbance:
         count: int,
         lanes: int,
         known: GuidanceErrors | None = None,
-    ) -> Departure:
+    ) -> PathDeviation:
         """Departures of the first `count` of so many runs, W.
 
         rngs: W generators for each of the walks. known: estimation errors of the autopilot, None: it has none.
@@ -161,7 +161,7 @@ class Disturbance:
             assert air.autopilot is not None
             step = float(self.time[1] - self.time[0])
             steered(air.autopilot, known, course, self.slope, step, self.pitches, way, turn)
-        return Departure(self.time, way, turn, gust)
+        return PathDeviation(self.time, way, turn, gust)
 
     def _across(self, deviation: Deviation, states: np.ndarray, way: np.ndarray, turn: np.ndarray) -> None:
         """Add a deviation across the course: the nose follows the trajectory, the bank its acceleration."""
@@ -237,7 +237,7 @@ def _slope(trajectory: Trajectory, time: np.ndarray) -> np.ndarray:
 
 def deviated(reference: Motion, frame: Frame, way: np.ndarray, turn: np.ndarray, force: bool = True) -> Motion:
     """The motion of W runs, one after the other (W m), that deviate from a reference (m,) by `way` (m, 9, W), `turn`
-    (m, 6, W), see `Departure`.
+    (m, 6, W), see `PathDeviation`.
 
     force: with the specific force, which takes half of the time; without, it is nan."""
     lanes = way.shape[2]

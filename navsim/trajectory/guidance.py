@@ -64,7 +64,7 @@ def steered(
     - slope: (2, k) climb of the route per metre ahead, and its rate, 1/s.
     - step: s between samples.
     - pitches: the nose follows the path.
-    - way, turn: (k, 9, W), (k, 6, W), see `Departure`. The nose follows the trajectory, the bank its acceleration.
+    - way, turn: (k, 9, W), (k, 6, W), see `PathDeviation`. The nose follows the trajectory, the bank its acceleration.
     """
     from navsim.compiler.lanes import in_lanes
     from navsim.trajectory.autopilot_kernels import steer  # compiled code only when something is really simulated

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from navsim.compiler.lanes import WIDTH
 from navsim.scenario_files.source import InputError
 from navsim.trajectory import air
-from navsim.trajectory.dispersion import Departure, Disturbance
+from navsim.trajectory.dispersion import Disturbance, PathDeviation
 from tests.conftest import Within
 from tests.consistency.test_flown_ways import FTE, WIND, mechanised, most_off, ways_of
 from tests.helpers import case, scenario
@@ -28,7 +28,7 @@ LEVEL = ("wind.speed_m_s=0", "approach.pitch=path", "duration_s=30")
 RIGHT, ALONG, UP = range(3)
 
 
-def departed(*settings: str, seconds: float, runs: int = WIDTH, name: str = "landing_smooth") -> Departure:
+def departed(*settings: str, seconds: float, runs: int = WIDTH, name: str = "landing_smooth") -> PathDeviation:
     """Of runs that share nothing, over the first seconds of a flight that begins level."""
     flown = scenario(*settings, name=name)
     what = flown.air()
@@ -42,7 +42,7 @@ def departed(*settings: str, seconds: float, runs: int = WIDTH, name: str = "lan
         }
         drawn.append(disturbance.drawn(rngs, WIDTH, WIDTH))
     parts = ("way", "turn", "gust")
-    return Departure(time, *(np.concatenate([getattr(d, part) for d in drawn], axis=2) for part in parts))
+    return PathDeviation(time, *(np.concatenate([getattr(d, part) for d in drawn], axis=2) for part in parts))
 
 
 def predicted(world: Any, height: np.ndarray, airspeed: np.ndarray) -> np.ndarray:

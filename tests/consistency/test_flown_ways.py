@@ -20,7 +20,7 @@ from navsim.runner.executor import threads
 from navsim.scenario_files.source import InputError
 from navsim.simulation.dispersed_trajectory import DispersedTrajectories, Dispersion
 from navsim.simulation.shared_truth import SharedTruth
-from navsim.trajectory.dispersion import Departure
+from navsim.trajectory.dispersion import PathDeviation
 from navsim.trajectory.kinematics import integrate
 from tests.conftest import SCENARIOS
 from tests.helpers import case, scenario
@@ -38,8 +38,8 @@ GRAVITY = 9.84
 
 
 def ways_of(world: SharedTruth) -> Dispersion:
-    assert world.ways is not None
-    return world.ways
+    assert world.dispersion is not None
+    return world.dispersion
 
 
 def mechanised(world: SharedTruth, flown: DispersedTrajectories, lane: int) -> tuple[float, float]:
@@ -258,7 +258,7 @@ def test_departures_meet_at_samples() -> None:
     """What is interpolated has the values of the samples at both ends of an interval."""
     rng = np.random.default_rng(1)
     time = 0.01 * np.arange(5)
-    departure = Departure(time, *(rng.standard_normal((5, k, WIDTH)) for k in (9, 6, 3)))
+    departure = PathDeviation(time, *(rng.standard_normal((5, k, WIDTH)) for k in (9, 6, 3)))
     for near in (0.0, -1e-12):
         way, turn = departure.at(time[1:4] + near)
         np.testing.assert_allclose(way, departure.way[1:4], atol=1e-6)
