@@ -56,7 +56,7 @@ class Snapshot(LandingMonitor, Protocol):
         """Test statistic (e, W) from residuals (e, s, W) of fixes, m."""
 
 
-class Bank(LandingMonitor, Protocol):
+class SubfilterMonitor(LandingMonitor, Protocol):
     """A monitor of the filter, at its outputs."""
 
     @property
@@ -105,7 +105,7 @@ class Monitoring:
     """The filter ignores fixes with an alarm."""
     innovations: InnovationTest | None = None
     """Monitor of the filter's innovations, None without."""
-    bank: Callable[[Any], Bank] | None = None
+    bank: Callable[[Any], SubfilterMonitor] | None = None
     """Creates the filter bank of a flight if it monitors the filter instead of the fixes."""
     beacons: tuple[str, ...] = ()
     """Names of the ranging beacons that the filter bank watches beside the sources of fixes."""
@@ -236,7 +236,7 @@ def vertical_sigma(watching: Monitoring, monitor: LandingMonitor) -> np.ndarray:
         return watching.accuracy * np.sqrt(monitor.solution.covariance[:, UP, UP])
     if isinstance(monitor, SeparationMonitor):
         return monitor.found.accuracy[:, UP]
-    return cast(Bank, monitor).sigma[:, UP]
+    return cast(SubfilterMonitor, monitor).sigma[:, UP]
 
 
 def threshold_by_faults(monitor: LandingMonitor) -> np.ndarray | None:

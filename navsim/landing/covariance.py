@@ -81,7 +81,7 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
     integrity.in_runway_axes(draft, case)
     integrity.compared(draft, case)
     risk_sampling.sampled_risks(draft, case, seed)
-    requirements.judged(draft, case, 0, _moments(case, analysis))
+    requirements.write_verdicts(draft, case, 0, _moments(case, analysis))
     out = draft.result(attributes(case, seed))
     out.variables.update(kept(covariance_findings(case, analysis)))
     return out
@@ -170,7 +170,7 @@ def covariance_summary(case: Case, analysis: Analysis) -> ResultBuilder:
     return draft
 
 
-def judged_without_runs(case: Case, analysis: Analysis | None) -> list[requirements.Fulfilment]:
+def judged_without_runs(case: Case, analysis: Analysis | None) -> list[requirements.RequirementValue]:
     """Values of a case's requirements from the geometry, and from its covariance analysis if there is one."""
     draft = ResultBuilder(COVARIANCE) if analysis is None else covariance_summary(case, analysis)
     integrity.described(draft, case)

@@ -191,7 +191,7 @@ def findings(case: Case, edge: LimitState, flown: Ensemble) -> list[Finding]:
         Flaws(*(flown.per_run(f"{which}_flaws_{part}") for part in FLAW_PARTS)) for which in ("fix", "output")
     )
     outputs.count[:, FAR_OFF] = 0  # pushed runs are far off on purpose
-    told = [*case.warnings, *requirements.untold_by_pushed_runs(case.scenario)]
+    told = [*case.warnings, *requirements.unevaluated_by_importance_sampling(case.scenario)]
     out = judging.notes(told) + of_fixes(case, fixes) + _rejections(case, fixes, flown)
     out += of_outputs(case, outputs)
     (value, low, high), relative, effective = probability(edge, flown)
@@ -279,7 +279,7 @@ def result(case: Case, edge: LimitState, flown: Ensemble, seed: int) -> Result:
     ):
         draft[f"/summary/rare/{name}"] = data
     draft["/summary/count/runs"] = np.int64(flown.runs)
-    requirements.judged(draft, case, flown.runs)
+    requirements.write_verdicts(draft, case, flown.runs)
     pack(draft, flown)
     out = draft.result(attributes(case, seed))
     out.variables.update(kept(findings(case, edge, flown)))

@@ -56,7 +56,7 @@ _AXES = ("lateral", "along", "vertical")
 
 
 @dataclass(frozen=True)
-class Fulfilment:
+class RequirementValue:
     """Value of a required quantity."""
 
     text: str
@@ -98,7 +98,7 @@ UNKNOWN = np.full(3, np.nan)
 """Value of a quantity that a method does not compute."""
 
 
-def untold_by_pushed_runs(scenario: Landing) -> list[str]:
+def unevaluated_by_importance_sampling(scenario: Landing) -> list[str]:
     """Warning about requirements that importance sampling cannot evaluate."""
     every = singles(scenario.requirements)
     untold = [text + _statement(one)[0] for text, one in every if not isinstance(one, BoxRequirement)]
@@ -139,7 +139,7 @@ def fulfilments(
     moments: Moments | None = None,
     within: Sequence[np.ndarray] | None = None,
     controls: Controls | None = None,
-) -> list[Fulfilment]:
+) -> list[RequirementValue]:
     """Values of the requirements from a summary.
 
     With layout `COVARIANCE`, analysis or monitor may be missing; values that need them are unknown. within: see
@@ -150,7 +150,7 @@ def fulfilments(
     found = []
     every = singles(case.scenario.requirements)
     for i, (text, (_, one)) in enumerate(zip(statements(case.scenario), every, strict=True)):
-        nothing = Fulfilment(text.text, UNKNOWN, text.limit, text.least)
+        nothing = RequirementValue(text.text, UNKNOWN, text.limit, text.least)
         if isinstance(one, LevelRequirement) and within is not None:
             found.append(_share_of_epochs(nothing, next(shares), runs))
         else:
@@ -173,7 +173,7 @@ def _uncounted(scenario: Landing) -> set[int]:
     return out
 
 
-def judged(
+def write_verdicts(
     draft: ResultBuilder,
     case: Case,
     runs: int,
@@ -201,10 +201,10 @@ def judged(
     draft[f"{branch}/plain_verdict"] = np.array(plain, dtype=object)
 
 
-def _found(one: AnySingle, draft: ResultBuilder, case: Case, runs: int, moments: Moments | None) -> Fulfilment:
+def _found(one: AnySingle, draft: ResultBuilder, case: Case, runs: int, moments: Moments | None) -> RequirementValue:
     """Value of a requirement from a summary."""
     text, limit, least = _statement(one)
-    nothing = Fulfilment(text, UNKNOWN, limit, least)
+    nothing = RequirementValue(text, UNKNOWN, limit, least)
     if isinstance(one, BoxRequirement):
         return _of_box(nothing, draft, runs)
     if draft.layout == RARE:
@@ -238,7 +238,7 @@ def _found(one: AnySingle, draft: ResultBuilder, case: Case, runs: int, moments:
     return _of_shares(one, nothing, draft, runs)
 
 
-def _by_control(one: AnySingle, plain: Fulfilment, controls: Controls, runs: int) -> Fulfilment:
+def _by_control(one: AnySingle, plain: RequirementValue, controls: Controls, runs: int) -> RequirementValue:
     """Value of a requirement from the controlled estimate if that is better than the plain one."""
     if isinstance(one, BoxRequirement):
         found = controls.outside()
@@ -288,7 +288,7 @@ def _exactly(value: float) -> np.ndarray:
     return np.full(3, value)
 
 
-def _counted(nothing: Fulfilment, count: int, runs: int) -> Fulfilment:
+def _counted(nothing: RequirementValue, count: int, runs: int) -> RequirementValue:
     """Value of a fraction of runs."""
     share = count / runs
 
@@ -298,7 +298,7 @@ def _counted(nothing: Fulfilment, count: int, runs: int) -> Fulfilment:
     return replace(nothing, value=share_interval(count, runs), with_runs=with_runs)
 
 
-def _of_box(nothing: Fulfilment, draft: ResultBuilder, runs: int) -> Fulfilment:
+def _of_box(nothing: RequirementValue, draft: ResultBuilder, runs: int) -> RequirementValue:
     if draft.layout == RARE:
         value = draft["/summary/rare/probability"]
 
@@ -318,11 +318,11 @@ def _of_box(nothing: Fulfilment, draft: ResultBuilder, runs: int) -> Fulfilment:
 
 def _of_error(
     one: ErrorRequirement,
-    nothing: Fulfilment,
+    nothing: RequirementValue,
     draft: ResultBuilder,
     when: Sequence[float],
     moments: Moments | None,
-) -> Fulfilment:
+) -> RequirementValue:
     """when: times (h,), s, at which the route passes the heights."""
     height, axis = list(HEIGHTS).index(one.at), _AXES.index(one.of)
     if draft.layout == COVARIANCE:
@@ -341,7 +341,7 @@ def _of_error(
     return _counted(nothing, int((np.abs(error) < one.below_m).sum()), error.size)
 
 
-def _of_rms(one: RmsRequirement, nothing: Fulfilment, draft: ResultBuilder, runs: int) -> Fulfilment:
+def _of_rms(one: RmsRequirement, nothing: RequirementValue, draft: ResultBuilder, runs: int) -> RequirementValue:
     if draft.layout == COVARIANCE and f"/summary/rms/{one.of}" not in draft:
         return nothing
     value = draft[f"/summary/rms/{one.of}"]
@@ -356,10 +356,10 @@ def _of_rms(one: RmsRequirement, nothing: Fulfilment, draft: ResultBuilder, runs
 
 def _of_epochs(
     one: LevelRequirement | ThresholdRequirement | AccuracyRequirement,
-    nothing: Fulfilment,
+    nothing: RequirementValue,
     sizes: np.ndarray | None,
     case: Case,
-) -> Fulfilment:
+) -> RequirementValue:
     """Value from the fraction of epochs of the glide whose sizes (e,), m, are within the requirement; nan is not."""
     glide = glide_of(case)
     if sizes is None or not glide.any():
@@ -383,7 +383,7 @@ def sizes_of(
     return -normal.quantile(0.5 * one.at_most) * vertical_sigma(watching, monitor)
 
 
-def _available_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case: Case) -> Fulfilment:
+def _available_by_levels(one: AvailabilityRequirement, nothing: RequirementValue, case: Case) -> RequirementValue:
     """Bounds of availability: epochs of the glide with levels within their limits, with and without false alarms.
 
     Only runs show other alarms: faults, or ranges worse than the monitor's model.
@@ -407,7 +407,7 @@ def _available_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case
     )
 
 
-def _approaches_by_levels(one: AvailabilityRequirement, nothing: Fulfilment, case: Case) -> Fulfilment:
+def _approaches_by_levels(one: AvailabilityRequirement, nothing: RequirementValue, case: Case) -> RequirementValue:
     """No approach if a required epoch has a level beyond its limit; only runs show how many have no alarm."""
     asked, monitor = approach_limits(case), case.flight.monitor
     if asked is None or monitor is None:
@@ -432,8 +432,8 @@ def _kept_by(values: np.ndarray, share: float) -> float:
 
 
 def _of_shares(
-    one: AvailabilityRequirement | RiskRequirement, nothing: Fulfilment, draft: ResultBuilder, runs: int
-) -> Fulfilment:
+    one: AvailabilityRequirement | RiskRequirement, nothing: RequirementValue, draft: ResultBuilder, runs: int
+) -> RequirementValue:
     branch = "/summary/integrity"
     if one.what in ("approaches", "misleading"):
         value = draft[f"{branch}/{'hmi' if one.what == 'misleading' else one.what}"]
@@ -442,7 +442,7 @@ def _of_shares(
     return _share_of_epochs(nothing, value, runs)
 
 
-def _share_of_epochs(nothing: Fulfilment, share: np.ndarray, runs: int) -> Fulfilment:
+def _share_of_epochs(nothing: RequirementValue, share: np.ndarray, runs: int) -> RequirementValue:
     """Value of a fraction of epochs (3,) of so many runs."""
     if not np.isfinite(share).all():
         return replace(nothing, value=np.array([share[0], np.nan, np.nan]))

@@ -58,7 +58,7 @@ def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
     _summary(draft, case, ensemble)
     put_controlled(draft, case, ensemble)
     within = integrity.levels_within(case, ensemble)
-    requirements.judged(draft, case, ensemble.runs, within=within, controls=controls_of(case, ensemble))
+    requirements.write_verdicts(draft, case, ensemble.runs, within=within, controls=controls_of(case, ensemble))
     pack(draft, ensemble)
     out = draft.result(attributes(case, seed))
     out.variables.update(kept([*findings(case, ensemble), *far_from_first_order(case, ensemble)]))

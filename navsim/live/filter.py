@@ -63,7 +63,7 @@ class LiveFilter:
     navigation: np.ndarray
     increments: Increments
     state: State = field(init=False)
-    left: list[tuple[float, History, OutputErrors]] = field(default_factory=list)
+    outputs: list[tuple[float, History, OutputErrors]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         if is_smoother(self.flight.design.kind):
@@ -84,7 +84,7 @@ class LiveFilter:
         """Up to when increments are there, s."""
         return self.increments.time[-1]
 
-    def weigh(self, arrival: float, llh: np.ndarray, velocity: np.ndarray, noise: np.ndarray, epoch: int) -> bool:
+    def process_fix(self, arrival: float, llh: np.ndarray, velocity: np.ndarray, noise: np.ndarray, epoch: int) -> bool:
         """Propagate to a fix that arrived at `arrival`, use it, and store the output for that time.
 
         llh (3,), velocity (3,) nan where unknown, noise (6, 6). The fix was valid the filter's latency earlier, as in a
@@ -113,18 +113,18 @@ class LiveFilter:
         unknown = np.full((1, self.flight.model.declared.size), np.nan)
         judged = evaluate(self.flight.model, history, Truth(truth.llh, truth.velocity_ned, truth.quaternion, unknown))
         self.increments.drop(valid)
-        self.left.append((arrival, history, judged))
+        self.outputs.append((arrival, history, judged))
         return True
 
     def estimates(self) -> dict[str, np.ndarray]:
         """Stored outputs: time (t,), error, sigma (t, n), navigation (t, NAV), innovation (t, 6), innovation_squared,
         degrees, status (t,). Errors of sensor states are nan."""
-        histories = [history for _, history, _ in self.left]
-        count, n = len(self.left), self.flight.covariance.shape[0]
+        histories = [history for _, history, _ in self.outputs]
+        count, n = len(self.outputs), self.flight.covariance.shape[0]
         # the fix is the first event of its history
         return {
-            "time": np.array([time for time, _, _ in self.left]),
-            "error": np.array([judged.error[0] for _, _, judged in self.left]).reshape(count, n),
+            "time": np.array([time for time, _, _ in self.outputs]),
+            "error": np.array([judged.error[0] for _, _, judged in self.outputs]).reshape(count, n),
             "sigma": np.array([h.sigma()[0] for h in histories]).reshape(count, n),
             "navigation": np.array([h.navigation[0] for h in histories]).reshape(count, self.state.navigation.size),
             "innovation": np.array([h.innovation[0] for h in histories]).reshape(count, MAX_MEASUREMENT_SIZE),

@@ -349,7 +349,7 @@ class Session:
     def _weigh(self, t: float, llh: np.ndarray, velocity: np.ndarray, epoch: int) -> bool:
         """Use a fix of time t, which arrives the receiver's latency later, with the noise of the scenario's fix at an
         epoch."""
-        used = self.filter.weigh(t + self.latency, llh, velocity, self.noise[epoch], epoch)
+        used = self.filter.process_fix(t + self.latency, llh, velocity, self.noise[epoch], epoch)
         if used:
             self.fixes.append((t, llh))
         return used

@@ -27,7 +27,7 @@ from navsim.landing.covariance import (
     judged_without_runs,
 )
 from navsim.landing.integrity import spread_over
-from navsim.landing.requirements import Fulfilment, sizes_of
+from navsim.landing.requirements import RequirementValue, sizes_of
 from navsim.optimization.placement import ObjectiveFunction, Rules, RunwayPlane
 from navsim.optimization.scenario import LEVEL_OBJECTIVES
 from navsim.results.findings import Finding
@@ -171,7 +171,7 @@ class FidelityEvaluator:
 
         return lambda places: np.array([one(p) for p in places])
 
-    def fulfilments(self, places: np.ndarray) -> list[Fulfilment]:
+    def fulfilments(self, places: np.ndarray) -> list[RequirementValue]:
         """Values of the base scenario's requirements for a placement (k, 2)."""
         return self._of(places).fulfilments
 
@@ -283,7 +283,7 @@ class _Found:
         return integrity.level_outputs(self.watched)
 
     @cached_property
-    def fulfilments(self) -> list[Fulfilment]:
+    def fulfilments(self) -> list[RequirementValue]:
         """By whichever of them knows."""
         known = []
         if self.watched is not None:

@@ -62,7 +62,7 @@ from navsim.sweeps.scenario import FILTER_OUTPUTS
 
 if TYPE_CHECKING:
     from navsim.landing.case import Ask, Case
-    from navsim.landing.requirements import Fulfilment
+    from navsim.landing.requirements import RequirementValue
     from navsim.optimization.analyses import BeaconFlight, FidelityEvaluator, LevelScreen, Prepared
 
 PENALTY_CONSTRAINT = 1e9
@@ -116,17 +116,17 @@ class Requirements:
 
     decided: np.ndarray
     """(q,) bool, requirements that levels and covariance analysis decide; runs decide the others."""
-    judge: Callable[[np.ndarray], list[Fulfilment]]
+    judge: Callable[[np.ndarray], list[RequirementValue]]
     """Evaluates a placement (k, 2) fully."""
-    coarse: Callable[[np.ndarray], list[Fulfilment]]
+    coarse: Callable[[np.ndarray], list[RequirementValue]]
     """Evaluates it coarsely."""
 
-    def load(self, found: Sequence[Fulfilment]) -> float:
+    def load(self, found: Sequence[RequirementValue]) -> float:
         """The largest utilisation; at most 1 where all that is decided is met."""
         return max(_load(one) for one, decided in zip(found, self.decided, strict=True) if decided)
 
 
-def _load(one: Fulfilment) -> float:
+def _load(one: RequirementValue) -> float:
     if not math.isfinite(one.utilisation):  # the value still tells how far off it is
         short = one.limit - one.value[0]
         return _LEVELLESS * (2.0 + (short if math.isfinite(short) else 1.0))
@@ -542,7 +542,7 @@ def _with_requirements(
         raise _refused(document, ("constraints", "requirements"), text)
     asked = Requirements(decided, full.fulfilments, coarse.fulfilments)
 
-    def judge(by: Callable[[np.ndarray], list[Fulfilment]]) -> ObjectiveFunction:
+    def judge(by: Callable[[np.ndarray], list[RequirementValue]]) -> ObjectiveFunction:
         return lambda places: np.array([asked.load(by(one)) for one in places])
 
     warnings = [*problem.warnings]

@@ -54,7 +54,7 @@ from navsim.statistics.rounding import digits
 from navsim.sweeps.outputs import beacon_outputs, dop_outputs
 
 if TYPE_CHECKING:
-    from navsim.landing.requirements import Fulfilment
+    from navsim.landing.requirements import RequirementValue
 
 _SPOILT = 0.1
 """Share of a mean DOP from one epoch above which navsim warns. Where the aircraft crosses the plane of three beacons,
@@ -673,7 +673,7 @@ def _requirements(draft: ResultBuilder, problem: PlacementProblem, outcome: Sear
     return out
 
 
-def _missed(one: Fulfilment) -> str:
+def _missed(one: RequirementValue) -> str:
     """A missed requirement in words."""
     figure = f"{digits(one.value[0], 4)} of {one.limit:g}"
     if not np.isfinite(one.utilisation):

@@ -60,7 +60,7 @@ class FilterSolution:
 
 @dataclass(frozen=True)
 class FilterBank(SeparationDistances):
-    """Monitor of a filter by other filters with fewer measurements; see `monitoring.Bank`."""
+    """Monitor of a filter by other filters with fewer measurements; see `monitoring.SubfilterMonitor`."""
 
     flight: Flight
     found: Levels

@@ -134,7 +134,7 @@ class Flight:
     """Whether the filter model includes second-order errors near sources."""
 
     @cached_property
-    def bank(self) -> monitoring.Bank | None:
+    def bank(self) -> monitoring.SubfilterMonitor | None:
         """Filters that monitor the filter, None without."""
         return None if self.watching is None or self.watching.bank is None else self.watching.bank(self)
 

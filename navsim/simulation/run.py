@@ -153,7 +153,7 @@ class MonitorOutput:
     def of_filter(
         cls,
         flight: Flight,
-        bank: monitoring.Bank,
+        bank: monitoring.SubfilterMonitor,
         errors: ErrorHistory,
         fixes: ReceiverFixes,
         ranges: np.ndarray,

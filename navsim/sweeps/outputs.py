@@ -12,7 +12,7 @@ from navsim.sweeps.scenario import BEACON_OUTPUTS, DOP_OUTPUTS, TOTAL_OUTPUTS, W
 
 if TYPE_CHECKING:
     from navsim.landing.beacons import BeaconGlide
-    from navsim.landing.requirements import Fulfilment
+    from navsim.landing.requirements import RequirementValue
     from navsim.results.builder import ResultBuilder
     from navsim.results.result import Result
     from navsim.simulation.placement_geometry import Geometry
@@ -83,7 +83,7 @@ def requirement_outputs(flown: Result) -> dict[str, float]:
     return _numbered(flown[f"{branch}/value"], [str(word) for word in flown[f"{branch}/verdict"]])
 
 
-def outputs_of_fulfilments(found: Sequence[Fulfilment]) -> dict[str, float]:
+def outputs_of_fulfilments(found: Sequence[RequirementValue]) -> dict[str, float]:
     """Values of requirements without a result."""
     return _numbered(np.array([one.value for one in found]), [one.verdict() for one in found])
 

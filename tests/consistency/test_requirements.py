@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from navsim.landing.integrity import glide_of
-from navsim.landing.requirements import MET, NOT_MET, UNDECIDED, Fulfilment, _of_shares
+from navsim.landing.requirements import MET, NOT_MET, UNDECIDED, RequirementValue, _of_shares
 from navsim.results.result import Result, read
 from navsim.runner.statistics import rms_interval_of_means, share_interval
 from navsim.scenario.integrity import LimitsSection
@@ -38,13 +38,13 @@ WATCHED = "integrity={method: chi2, p_fa: 1.0e-2, limits: {hal_m: 60, val_m: 90,
     ],
 )
 def test_verdicts(value: tuple[float, ...], limit: float, least: bool, verdict: str) -> None:
-    assert Fulfilment("", np.array(value), limit, least).verdict() == verdict
+    assert RequirementValue("", np.array(value), limit, least).verdict() == verdict
 
 
 @pytest.mark.parametrize(("count", "runs", "limit", "least"), [(93, 100, 0.95, True), (0, 50, 1e-3, False)])
 def test_more_runs_of_a_share_decide(count: int, runs: int, limit: float, least: bool) -> None:
     """As many as are told; a count is whole, so about as many."""
-    found = Fulfilment(
+    found = RequirementValue(
         "", share_interval(count, runs), limit, least, lambda n: share_interval(round(count / runs * n), n)
     )
     more = found.more(runs)
@@ -56,13 +56,13 @@ def test_more_runs_of_a_share_decide(count: int, runs: int, limit: float, least:
 
 def test_more_runs_of_a_root_mean_square() -> None:
     squares = np.array([0.05, 0.04])
-    found = Fulfilment(
+    found = RequirementValue(
         "", rms_interval_of_means(squares, 30), 0.31, with_runs=lambda n: rms_interval_of_means(squares, n)
     )
     more = found.more(30)
     assert rms_interval_of_means(squares, 30 + round(more))[2] <= 0.31 < rms_interval_of_means(squares, 30)[2]
     # exactly what is asked for is never decided
-    at_the_edge = Fulfilment(
+    at_the_edge = RequirementValue(
         "", np.array([0.3, 0.2, 0.4]), 0.3, with_runs=lambda n: np.array([0.3, 0.3 - 1 / n, 0.3 + 1 / n])
     )
     assert np.isnan(at_the_edge.more(10))
@@ -326,7 +326,7 @@ def test_more_runs_are_told_where_an_interval_is_cut_off_at_nothing() -> None:
     value = np.array([0.008315, 0.0, 0.0246])
     one: Any = RiskRequirement(what="continuity", at_most=8e-6)
     draft: Any = {"/summary/integrity/continuity_risk": value}
-    found = _of_shares(one, Fulfilment("", np.full(3, np.nan), 8e-6), draft, 40)
+    found = _of_shares(one, RequirementValue("", np.full(3, np.nan), 8e-6), draft, 40)
     assert found.verdict() == UNDECIDED
     assert found.more(40) == pytest.approx(40 * ((0.0246 - 0.008315) / (0.008315 - 8e-6)) ** 2 - 40, abs=2)
 

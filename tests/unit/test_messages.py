@@ -12,7 +12,7 @@ import typer
 from navsim.cli.options import number_option
 from navsim.cli.results import shown_as_stored
 from navsim.filter.states import display_name
-from navsim.landing.requirements import untold_by_pushed_runs
+from navsim.landing.requirements import unevaluated_by_importance_sampling
 from navsim.landing.study import prepare
 from navsim.report import budget_rows
 from navsim.report.consistency_rows import state_verdict
@@ -191,9 +191,9 @@ def test_pushed_runs_tell_of_the_box_alone() -> None:
         "requirements=[{of: lateral, what: error, at: touchdown, below_m: 8, share: 0.95}, {what: box, at_most: 0.1}]"
     )
     scenario, _ = read(LANDING, [box, asked])
-    (said,) = untold_by_pushed_runs(scenario)
+    (said,) = unevaluated_by_importance_sampling(scenario)
     assert said.endswith("use `--method monte-carlo`: lateral error at touchdown below 8 m in 95 % of runs")
-    assert untold_by_pushed_runs(read(LANDING, [box, "requirements=[{what: box, at_most: 0.1}]"])[0]) == []
+    assert unevaluated_by_importance_sampling(read(LANDING, [box, "requirements=[{what: box, at_most: 0.1}]"])[0]) == []
 
 
 @pytest.mark.parametrize(("s_m", "seen"), [(200, True), (50_000, True), (60_000, False)])
