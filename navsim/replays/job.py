@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from navsim.replays import study as replay
-from navsim.replays.bet import Prediction, predict, write_score
+from navsim.replays.prediction import Prediction, predict, write_score
 from navsim.replays.reading import read
 from navsim.replays.scenario import Replay
 from navsim.results.findings import several

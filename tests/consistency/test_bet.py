@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import navsim
-from navsim.replays.bet import Prediction, _quantile, effective_count
+from navsim.replays.prediction import Prediction, _quantile, effective_count
 from navsim.replays.reading import ReplayError
 from navsim.replays.study import Recording
 from navsim.results.result import read
