@@ -20,7 +20,7 @@ class Kind:
     view: str
     """How its results are shown (`report.view.View`)."""
     section: str = ""
-    """Model of the file (a `scenario.base.Section`), "" without a file."""
+    """Model of the file (a `scenario_files.base.Section`), "" without a file."""
     job: str = ""
     """Creates its job (`runner.job.Opener`), "" if only the command can."""
     noun: str = "scenario"

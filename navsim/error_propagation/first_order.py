@@ -1,8 +1,8 @@
 """First-order errors of runs: the linearised filter, driven by all random inputs of each run.
 
-To first order the filter's gains are those along the truth (`filter.linearised`). The error of a run is then a linear
-function of its random inputs, and one pass through the same matrices computes it at every output. The state contains
-minus the estimates of the sensor states, so the increments contribute the sensor errors, whatever their model.
+To first order the filter's gains are those along the truth (`error_propagation.linearised`). The error of a run is then
+a linear function of its random inputs, and one pass through the same matrices computes it at every output. The state
+contains minus the estimates of the sensor states, so the increments contribute the sensor errors, whatever their model.
 
 Within an interval the error of a step enters velocity and attitude at its end, and position by the trapezoid rule, as
 in `filter.interval.add_white`. The covariance analysis of the same flight has the covariance of these errors.

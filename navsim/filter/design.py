@@ -16,10 +16,16 @@ from navsim.filter.measurement_kinds import RANGE, SOURCE
 from navsim.filter.receiver_clock import UNKNOWN_BIAS, UNKNOWN_DRIFT, ReceiverClock
 from navsim.filter.records import CONSTRAINED, GAUSSIAN_SUM, FilterModel
 from navsim.filter.states import Block
+from navsim.statistics import chi_square
 
 _FLOORS = {"m": 1e-4, "m/s": 1e-6, "rad": 1e-8, "rad/s": 1e-12, "m/s2": 1e-9, "1": 1e-9}
 """Smallest initial sigma of a filter, by the unit of the state. Zeros, from a perfect sensor or start, would make P
 singular. A state in another unit must start above 0."""
+
+
+def gate_limits(probability: float) -> np.ndarray:
+    """The largest normalised innovation squared that a gate lets pass, by degrees of freedom (MOST + 1,)."""
+    return np.array([np.inf, *(chi_square.exceeded(probability, m) for m in range(1, states.MAX_MEASUREMENT_SIZE + 1))])
 
 
 @dataclass(frozen=True)

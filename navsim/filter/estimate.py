@@ -2,8 +2,8 @@
 
 W runs are processed at once, one in each SIMD lane (`compiler.lanes`). A single run through a filter is a batch of
 equal runs. A smoother stores the whole flight and therefore uses plain numbers: the same kernels, the same bits. If the
-truth is known, runs produce an error history (`run_filter`), otherwise a history. Histories of filters are produced in pieces,
-since those of all lanes would need much memory.
+truth is known, runs produce an error history (`run_filter`), otherwise a history. Histories of filters are produced in
+pieces, since those of all lanes would need much memory.
 """
 
 from __future__ import annotations
@@ -140,8 +140,8 @@ def fly_in_pieces(
 ) -> Iterator[tuple[slice, slice, History]]:
     """Run an estimator without a truth; yields pieces of the history, of `most` events if given.
 
-    imu: of lanes, or of one run, the same for all; other arguments as of `run_filter`. Each piece has its events, its outputs,
-    and their history, which the next piece overwrites. A smoother yields one piece.
+    imu: of lanes, or of one run, the same for all; other arguments as of `run_filter`. Each piece has its events, its
+    outputs, and their history, which the next piece overwrites. A smoother yields one piece.
     """
     lanes = state.navigation.shape[-1]
     _check_correlated(measurements, events, model)

@@ -41,7 +41,7 @@ from navsim.filter.states import (
     PHI_N,
     SENSORS,
 )
-from navsim.filter.update import count_rejection, count_valid, estimate_errors, gate_limit, whitened_square
+from navsim.filter.update import count_rejection, count_valid, estimate_errors, passes_gate, whitened_square
 
 PASSES = {RTS: 1, MAP: 30}
 """Passes over the flight that each kind of smoother makes at most."""
@@ -263,7 +263,7 @@ def run(imu, measurements, events, state, model, passes, history):
                 weighed = used
                 record_innovation(False, have, weighed, m, z, s, decay, e)
                 q = whitened_square(s, z, m)
-                used = weighed & (no(q > gate_limit(model.gate, degrees)) | (rejected[counter] >= model.max_rejected))
+                used = weighed & passes_gate(q, degrees, rejected[counter], model)
                 if expects_outliers(kind, measurements):
                     used = weighed
                 if kind == MONITOR_ONLY_FIX:

@@ -49,9 +49,9 @@ CONSTANT = -1
 
 
 DECLARED = np.dtype([("sensor", "i8"), ("axis", "i8"), ("signal", "i8"), ("decay", "f8"), ("drive", "f8")], align=True)
-"""A sensor state of a filter or of a truth. Kernels take an array of them (k,). A state x adds x to what its `triad`
-measures along `axis`. If `signal` is an axis, not `CONSTANT`, it adds x times the triad's input along that axis. Axes
-of gyros from 3 on are axes of specific force; only a truth has them. `triad` may be a kind of measurements
+"""A sensor state of a filter or of a truth. Kernels take an array of them (k,). A state x adds x to what its `sensor`
+measures along `axis`. If `signal` is an axis, not `CONSTANT`, it adds x times the sensor's input along that axis. Axes
+of gyros from 3 on are axes of specific force; only a truth has them. `sensor` may be a kind of measurements
 (`filter.measurement_kinds`); `axis` then counts its time-correlated errors or, with a `signal`, its axes. `decay`
 (1/s): rate of decay. `drive` (unit2/s): density of the driving noise."""
 
@@ -76,7 +76,7 @@ class Block:
     unit: str
     """Unit of each state."""
     sensor: int
-    """Triad, or kind of measurements, as of `DECLARED`."""
+    """Triad of inertial sensors, or kind of measurements, as of `DECLARED`."""
     input_axis: int | None = None
     """Input that each state multiplies, relative to its axis: 0 the same axis, 1 the next, 2 the one before; 3 more for
     specific force; None: a bias."""

@@ -104,11 +104,17 @@ def estimate_by_factor(pht, s, z, m, x):
 
 @kernel
 def gate_limit(gate, degrees):
-    """Gate limit (MOST + 1,) for so many components."""
+    """Largest normalised innovation squared that passes, from `gate` (MOST + 1,) by degrees of freedom."""
     limit = degrees * 0.0 + gate[0]
     for m in range(1, gate.shape[0]):
         limit = where(degrees == m, gate[m], limit)
     return limit
+
+
+@kernel
+def passes_gate(q, degrees, rejected, model):
+    """Whether q = z' S^-1 z is within the limit for its degrees, or follows `max_rejected` rejections in a row."""
+    return (q <= gate_limit(model.gate, degrees)) | (rejected >= model.max_rejected)
 
 
 @kernel
@@ -119,7 +125,7 @@ def count_rejection(weighed, used, counter, rejected):
 
 @kernel
 def apply_gate(ahead, weighed, degrees, m, buffers, counter, tested, model, rejected, record, i):
-    """Whether a measurement is used: it passes the gate, or enough consecutive ones before it were rejected.
+    """Whether a measurement is used: its innovation passes the chi-square test of `passes_gate`.
 
     - `buffers`: `update_buffers` with z (m,), which is overwritten, and the factor s of its covariance.
     - `counter`: its slot in `rejected` (slots,). `tested`: whether the gate tests it, and updates the slot.
@@ -127,7 +133,7 @@ def apply_gate(ahead, weighed, degrees, m, buffers, counter, tested, model, reje
     """
     record_innovation(ahead, buffers.have, weighed, m, buffers.z, buffers.s, record, i)
     q = whitened_square(buffers.s, buffers.z, m)
-    used = weighed & ((q <= gate_limit(model.gate, degrees)) | (rejected[counter] >= model.max_rejected))
+    used = weighed & passes_gate(q, degrees, rejected[counter], model)
     if not tested:
         used = weighed
     if counter == MONITOR_ONLY_FIX:
@@ -151,7 +157,11 @@ def copy_where_not(source, mask, target):
 def update(chart, used, kind, row, measurements, declared, nav, p, increments, interval, space, buffers):
     """Update nav (NAV,) and P (n, n) with a measurement and the errors buffers.x estimated from it, where it is used.
 
-    what, row, measurements, increments, interval, declared: as of `observe`.
+    The state is corrected first, then P at the corrected state.
+
+    - `kind`, `row`, `measurements`, `declared`: as of `observe`; `increments`, `interval`: the last interval.
+    - `chart`: the filter's error parametrisation; `used`: lanes whose measurement passed the gate.
+    - `space`, `buffers`: work space; `buffers.x` (n,): estimated errors.
     """
     # a lane without the measurement does not change
     spared = any_lane(no(used))

@@ -102,3 +102,13 @@ def gravity_at(llh: np.ndarray) -> np.ndarray:
     g = G_EQUATOR * (1 + SOMIGLIANA * sin_lat**2) / np.sqrt(1 - E2 * sin_lat**2) * (1 - 2 * llh[..., 2] / A)
     down = np.stack([-cos_lat * np.cos(llh[..., 1]), -cos_lat * np.sin(llh[..., 1]), -sin_lat], axis=-1)
     return g[..., None] * down
+
+
+def shifted(llh: np.ndarray, by: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Positions (e, 3, ...), rad, rad, m, moved by (e, 3) NED, m; along: (e, 3) rough positions, rad, rad, m."""
+    w = 1.0 - E2 * np.sin(along[:, 0]) ** 2
+    transverse = A / np.sqrt(w)
+    meridian = transverse * (1.0 - E2) / w
+    radius = np.stack([meridian + along[:, 2], (transverse + along[:, 2]) * np.cos(along[:, 0]), -np.ones(len(by))], 1)
+    step = by / radius
+    return np.asarray(llh + step.reshape(*step.shape, *(1,) * (llh.ndim - 2)))

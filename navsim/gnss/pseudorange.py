@@ -57,7 +57,7 @@ class Signals:
     range_rate: np.ndarray
     """(e, s) true, m/s."""
     delay: np.ndarray
-    """(e, s) errors common to all runs, m."""
+    """(e, s) deterministic errors of the pseudoranges after corrections, common to all runs, m; positive: too long."""
     sigma: np.ndarray
     """(e, s) 1 sigma of the range noise, m."""
     rate_sigma: np.ndarray

@@ -126,8 +126,8 @@ class Effects:
 
     @property
     def depends_on_pseudolite_sites(self) -> bool:
-        """Whether it depends on the station's place which satellites are used: it has no troposphere to correct of
-        those below its own horizon. Or on places of pseudolites whether corrections arrive."""
+        """Whether moving a pseudolite changes which satellites have corrections: through the station's horizon, with a
+        troposphere, or through reception of the data link."""
         return self.reference is not None and (self.troposphere is not None or self.reference.link is not None)
 
 

@@ -406,12 +406,9 @@ class UndefinedSignal(Defect):
 
 
 def _affected(
-    signals: pseudorange.Signals,
-    when: np.ndarray,
-    motion: Motion,
-    environment: SignalScenario,
+    signals: pseudorange.Signals, when: np.ndarray, motion: Motion, environment: SignalScenario,
     is_pseudolite: np.ndarray,
-) -> pseudorange.Signals:
+) -> pseudorange.Signals:  # fmt: skip
     """The signals with all effects of the environment; when: (e,) GPS s, motion: of the receiver, is_pseudolite:
     (s,)."""
     effects, pseudolites, llh = environment.effects, environment.pseudolites, motion.llh
@@ -550,12 +547,9 @@ def _affected(
 
 
 def _messages(
-    signals: pseudorange.Signals,
-    when: np.ndarray,
-    motion: Motion,
-    environment: SignalScenario,
+    signals: pseudorange.Signals, when: np.ndarray, motion: Motion, environment: SignalScenario,
     is_pseudolite: np.ndarray,
-) -> tuple[CorrectionMessages | None, np.ndarray]:
+) -> tuple[CorrectionMessages | None, np.ndarray]:  # fmt: skip
     """Messages of the station's link, None without one, and which of them the nominal flight loses; arguments as of
     `_affected`.
 

@@ -65,7 +65,7 @@ class SubfilterMonitor(LandingMonitor, Protocol):
 
     @property
     def sigma(self) -> np.ndarray:
-        """1 sigma of the filter that levels are of (e, 3), north, east, down, m."""
+        """(e, 3) 1 sigma of position of the monitored filter, north, east, down, m, for which levels hold."""
 
     def along(self, bearing: float) -> np.ndarray:
         """Levels (e, 2) across and along a horizontal direction of a bearing, rad, m; nan without."""

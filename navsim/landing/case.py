@@ -11,7 +11,7 @@ import numpy as np
 
 from navsim.environment.sources import touchdown_time
 from navsim.filter import states
-from navsim.filter.design import FilterDesign
+from navsim.filter.design import FilterDesign, gate_limits
 from navsim.filter.estimate import FILTER_KINDS
 from navsim.filter.measurement_kinds import MAGNETIC, SOURCE
 from navsim.filter.states import Block
@@ -24,7 +24,6 @@ from navsim.landing.beacons import BeaconGeometry, beacon_geometry, curvature_wa
 from navsim.landing.faults import watching
 from navsim.landing.preflight import PreflightChecks, modelled
 from navsim.results.schema import HEIGHTS, RMS_WINDOW
-from navsim.runner.statistics import gate_limits
 from navsim.scenario.landing import Landing
 from navsim.scenario.signals import ClockNoise
 from navsim.scenario_files.base import DEG

@@ -69,6 +69,7 @@ class RequirementValue:
     with_runs: Callable[[int], np.ndarray] | None = None
     """Expected interval of so many runs like these."""
     utilisation: float = math.nan
+    """Size that the required share reaches over the size allowed; below 1: margin."""
     plain: np.ndarray | None = None
     """Value (3,) of the runs alone, if `value` is by control variates."""
 

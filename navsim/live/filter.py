@@ -1,4 +1,4 @@
-"""Semi-physical modelling: one block of the chain is real and sends its data, the rest is simulated.
+"""Hardware in the loop: a real receiver or IMU sends its data, navsim simulates the rest.
 
 The filter runs forward piece by piece. It is at the time of its newest fix, and increments wait until a fix for their
 time has arrived. Data for a time already passed are counted and omitted.

@@ -69,7 +69,7 @@ CLOCK_SETTINGS = ("source_phase", "source_frequency", "receiver_phase", "receive
 
 @dataclass(frozen=True)
 class RangeModel:
-    """Ranges and states."""
+    """State space of a ranging recording: its states, motion, clocks and settings."""
 
     scenario: RecordedRanges
     log: RangeLog

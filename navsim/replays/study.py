@@ -23,7 +23,7 @@ from functools import cached_property
 import numpy as np
 
 from navsim.filter import states
-from navsim.filter.design import FilterDesign
+from navsim.filter.design import FilterDesign, gate_limits
 from navsim.filter.estimate import FILTER_KINDS
 from navsim.filter.measurement_kinds import FIX, VehicleTable
 from navsim.formats.conventions import FIX_ACCURACIES
@@ -80,7 +80,6 @@ from navsim.results.findings import kept, several
 from navsim.results.result import Result
 from navsim.results.schema import REPLAY
 from navsim.runner.attributes import root_attributes
-from navsim.runner.statistics import gate_limits
 from navsim.scenario_files.base import DEG, DEG_H, MG
 from navsim.scenario_files.source import Document, InputError, Problem
 from navsim.sensors.imu import Triad

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from navsim.filter.design import gate_limits
 from navsim.filter.measurement_kinds import HEADING
 from navsim.filter.records import REJECTED, TFG, USED
 from navsim.replays import flight as replay
 from navsim.replays.motion import in_motion, lag1_correlation
 from navsim.replays.recorded_flight import RecordedFlight
 from navsim.results.findings import CONSISTENT, Finding
-from navsim.runner.statistics import gate_limits
 from navsim.scenario_files.base import FIX_LATENCIES
 from navsim.statistics.rounding import digits
 

@@ -37,7 +37,7 @@ class View:
     """Text files written beside the result, by path."""
     drawings: str = ""
     """Draws results for the page of `navsim report`, as "module:name". It takes results, each with its name, and
-    returns `page.marks.Drawing`s."""
+    returns `page.plots.Drawing`s."""
     verdicts: Callable[[Sequence[tuple[str, Result]]], list[Table | str]] = lambda _: []
     """Tables and text of verdicts."""
     glance: Callable[[Result], list[tuple[str, Cell | str]]] = lambda _: []

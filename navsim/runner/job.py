@@ -125,7 +125,8 @@ class Check(Protocol):
 
 
 class Opener(Protocol):
-    """Creates the job of a kind from a validated file: its section, its document (`scenario.source`), the options.
+    """Creates the job of a kind from a validated file: its section, its document (`scenario_files.source`), the
+    options.
 
     Raises InputError, OptionError.
     """

@@ -25,11 +25,6 @@ def poisson_exceedance(count: int, expected: float) -> float:
     return float(gammainc(count, expected)) if count else 1.0
 
 
-def gate_limits(probability: float) -> np.ndarray:
-    """The largest normalised innovation squared that a gate lets pass, by the number of measurements (7,)."""
-    return np.array([np.inf, *(chi_square.exceeded(probability, m) for m in range(1, 7))])
-
-
 def rms_interval(mean_squares: np.ndarray) -> np.ndarray:
     """Root mean square over runs and components with its two-sided 95 % interval: value, low, high.
 

@@ -24,7 +24,7 @@ class InitialErrorsSection(Section):
     """Errors (truth - estimate) the navigation starts with: 1 sigma per axis, drawn per run."""
 
     attitude_deg: Annotated[float, Field(ge=0.0, le=60.0)] = 5.0
-    """1 sigma of the attitude error about each axis"""
+    """1 sigma of the tilt about north and about east, and of the heading error about down"""
     position_m: NonNegative = 10.0
     """1 sigma of the position error along each axis"""
     velocity_m_s: NonNegative = 1.0

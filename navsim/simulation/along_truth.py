@@ -28,7 +28,7 @@ class AlongTruth(NamedTuple):
     """The filter of a flight, linearised along the truth."""
 
     steps: Steps
-    """Steps of its events (`filter.linearised`)."""
+    """Steps of its events (`error_propagation.linearised`)."""
     lin: Linearised
     """Likewise."""
     by_range: np.ndarray

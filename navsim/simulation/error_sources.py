@@ -64,7 +64,7 @@ CURVATURE = "range_curvature"
 CLOCK = "receiver_clock"
 """The source that the clock's noise, and not knowing it at the start, are to a tightly coupled filter."""
 NOISE_SOURCES = ("gyro_noise", "accelerometer_noise", "gyro_markov", "accelerometer_markov")
-"""The sources that the sensor noises of `filter.linearised` are."""
+"""The sources that the sensor noises of `error_propagation.linearised` are."""
 
 
 class SourceSums(NamedTuple):

@@ -2,7 +2,7 @@
 
 The other filters use the same inertial sensors, so the differences depend only on gains and innovations. Covariances
 and gains are those along the truth, the same in all runs. A run propagates the differences
-(`filter.sensitivity_propagation.propagate_differences`).
+(`error_propagation.sensitivity_propagation.propagate_differences`).
 
 Source: `docs/theory/integrity.md`, section 10; Brenner, Integrated GPS/inertial fault detection availability,
 NAVIGATION 43(2) (1996); Young & McGraw, Fault detection and exclusion using normalized solution separation and residual

@@ -1,7 +1,7 @@
 """The first-order error of each run of a landing, with its exact mean and covariance.
 
-`filter.first_order` computes the errors; here are the matrices that it takes, from the covariance analysis of the
-same flight, and what is drawn of its runs.
+`error_propagation.first_order` computes the errors; here are the matrices that it takes, from the covariance
+analysis of the same flight, and what is drawn of its runs.
 """
 
 from __future__ import annotations

@@ -128,10 +128,7 @@ def true_values(blocks: Sequence[Block], errors: SensorErrors) -> np.ndarray:
             columns.append(bias)
             continue
         own = np.arange(3)
-        gains = (
-            errors.scale[part]
-            if block.input_axis == 0
-            else errors.cross[block.sensor, own, (own + block.input_axis) % 3]
-        )
+        beside = (own + block.input_axis) % 3
+        gains = errors.scale[part] if block.input_axis == 0 else errors.cross[block.sensor, own, beside]
         columns.append(np.broadcast_to(gains, bias.shape))
     return np.ascontiguousarray(np.concatenate(columns, axis=1))

@@ -145,9 +145,8 @@ def draw(
     shared, design = flight.shared, flight.design
     flown = None
     if shared.dispersion is not None:
-        flown = shared.dispersion.flown(
-            shared.dispersion.departure(seed, runs, WIDTH) if departure is None else departure
-        )
+        departure = shared.dispersion.departure(seed, runs, WIDTH) if departure is None else departure
+        flown = shared.dispersion.flown(departure)
     aided, aided_exact = (tuple(np.empty((*aid.exact.shape, WIDTH)) for aid in shared.aids) for _ in range(2))
     for lane, run in enumerate(runs if aided else ()):
         way = None if shared.dispersion is None or flown is None else shared.dispersion.of_run(flown, lane)

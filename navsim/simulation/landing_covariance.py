@@ -13,7 +13,8 @@ Their sum is the true covariance, whatever the filter model, and the terms are t
 The propagated state has nine navigation errors, the negative sensor states of the filter, and the true sensor states.
 The filter's error of a state is the sum of those with the same meaning. An error drawn once a run (initial error,
 constant bias, orbit, clock) is propagated as the effect of its one sigma; noise is propagated as a covariance
-(`filter.sensitivity_propagation`). Noise of carrier-smoothed ranges is correlated in time: see `SmoothedRanges`.
+(`error_propagation.sensitivity_propagation`). Noise of carrier-smoothed ranges is correlated in time:
+see `SmoothedRanges`.
 
 Source: Maybeck, Stochastic Models, Estimation, and Control, vol. 1 (1979), section 6.8.
 """

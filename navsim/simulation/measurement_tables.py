@@ -11,12 +11,9 @@ from navsim.filter import states
 from navsim.filter.design import FilterDesign
 from navsim.filter.estimate import in_all_lanes
 from navsim.filter.measurement_kinds import FIX, RANGE, FixTable, Measurements, RangeTable
-from navsim.geodesy.earth import llh_from_ecef
+from navsim.geodesy.earth import llh_from_ecef, shifted
 from navsim.gnss.dop import MAX_CLOCKS
-from navsim.simulation.range_curvature import (
-    diagonal_bound,
-    shifted,
-)
+from navsim.simulation.range_curvature import diagonal_bound
 
 if TYPE_CHECKING:
     from navsim.simulation.flight import Flight

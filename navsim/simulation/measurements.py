@@ -12,7 +12,6 @@ from navsim.gnss.fix_states import StatedFixes
 from navsim.gnss.pseudorange import Signals
 from navsim.integrity.fixes import ReceiverFixes, solved
 from navsim.simulation.dispersed_trajectory import DispersedTrajectories
-from navsim.simulation.range_curvature import shifted
 from navsim.simulation.shared_truth import CARRIER_SIGMA, ClockErrors, SharedTruth, carrier, smoothed
 from navsim.statistics import noise
 from navsim.statistics.random_streams import generator, normals
@@ -137,7 +136,7 @@ def stated_fixes(
     llh = earth.llh_from_ecef(position.transpose(2, 0, 1).reshape(-1, 3))
     turned = np.einsum("nij,nj->ni", earth.ned_matrix(llh), velocity.transpose(2, 0, 1).reshape(-1, 3))
     error = stated.error.transpose(2, 0, 1).reshape(-1, 6)
-    moved = shifted(llh, error[:, :3], llh)
+    moved = earth.shifted(llh, error[:, :3], llh)
     back = [m.reshape(lanes, -1, 3).transpose(1, 2, 0) for m in (moved, turned + error[:, 3:])]
     lost = np.isnan(fixes.llh[:, :1])
     of_axes = sigma[stated.flag][..., [0, 0, 1, 2, 2, 2]].transpose(0, 2, 1)

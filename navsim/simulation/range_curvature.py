@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.geodesy.earth import E2, A, llh_from_ecef, ned_matrix
+from navsim.geodesy.earth import llh_from_ecef, ned_matrix
 from navsim.gnss.pseudorange import Signals
 from navsim.statistics.rounding import digits
 
@@ -183,13 +183,3 @@ def fix_forms(signals: Signals, by_range: np.ndarray, by_rate: np.ndarray) -> np
     turned = across @ to_velocity[:, None]
     of_rate = of_rate + 0.5 * (turned + np.swapaxes(turned, 2, 3))
     return -np.asarray(np.einsum("eks,esij->ekij", by_range, of_range) + np.einsum("eks,esij->ekij", by_rate, of_rate))
-
-
-def shifted(llh: np.ndarray, by: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Positions (e, 3, ...), rad, rad, m, moved by (e, 3) NED, m; along: (e, 3) rough positions, rad, rad, m."""
-    w = 1.0 - E2 * np.sin(along[:, 0]) ** 2
-    transverse = A / np.sqrt(w)
-    meridian = transverse * (1.0 - E2) / w
-    radius = np.stack([meridian + along[:, 2], (transverse + along[:, 2]) * np.cos(along[:, 0]), -np.ones(len(by))], 1)
-    step = by / radius
-    return np.asarray(llh + step.reshape(*step.shape, *(1,) * (llh.ndim - 2)))

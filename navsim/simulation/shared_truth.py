@@ -51,6 +51,7 @@ class SharedTruth:
     scale_offsets: np.ndarray
     """(MAX_CLOCKS,) offset of each time scale in the pseudoranges of its sources, m."""
     start: np.ndarray
+    """(3,) ECEF, m: touchdown point, from which fixes iterate."""
     at_filter: Motion
     """Motion at the filter's e + 1 output times: 0, and every fix epoch plus latency."""
     filter_index: np.ndarray

@@ -59,7 +59,7 @@ class PathDeviation:
 
     @classmethod
     def of_lanes(cls, each: Sequence[PathDeviation], lanes: int) -> PathDeviation:
-        """Departures of one lane in the first of so many; further lanes repeat the last."""
+        """Deviations of one lane in the first of so many; further lanes repeat the last."""
         every = [*each, *[each[-1]] * (lanes - len(each))]
         parts = ([getattr(one, name) for one in every] for name in ("way", "turn", "gust", "begin"))
         return cls(each[0].time, *(np.concatenate(part, axis=-1) for part in parts))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from navsim.filter.design import gate_limits
 from navsim.filter.records import REJECTED, TFG
 from navsim.formats.conventions import FIX_SIGMAS
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
@@ -24,7 +25,6 @@ from navsim.results import findings
 from navsim.results.builder import ResultBuilder
 from navsim.results.result import Result, Variable
 from navsim.results.schema import REPLAY
-from navsim.runner.statistics import gate_limits
 from navsim.scenario.load import read_replay
 from navsim.scenario_files.source import InputError
 from tests.helpers import in_brief

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from navsim.compiler.lanes import WIDTH
-from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix, shifted
 from navsim.landing.study import Case, prepare
 from navsim.scenario.load import read
 from navsim.simulation.measurements import receiver_fixes
-from navsim.simulation.range_curvature import Curvature, fix_forms, shifted
+from navsim.simulation.range_curvature import Curvature, fix_forms
 from navsim.simulation.shared_truth import assumed_measurements
 from tests.conftest import SCENARIOS
 

@@ -342,7 +342,7 @@ def test_an_account_is_what_the_history_is_worth(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["eskf", "first-estimates", "gaussian-sum", "rts", "map"])
 def test_one_run_alone_has_the_bits_of_a_lane(kind: str) -> None:
-    """`estimate` of a single flight, with plain numbers where it is a smoother, against `fly` of lanes."""
+    """`estimate` of a single flight, with plain numbers where it is a smoother, against `run_filter` of lanes."""
     number = estimate.FILTER_KINDS[kind]
     imu, fixes, events, nav, covariance, model, _ = _flight()
     if number in estimate.records.SMOOTHERS:
