@@ -92,7 +92,7 @@ def monitoring() -> list[str]:
     many = (tuple(text.replace(CONSTELLATION, f"{CONSTELLATION}, {MANY}") for text in one) for one in MONITORS.values())
     lines.append(row(f"the same, `{MANY}`", *(levels(summary(*settings, runs=1)) for settings in many)))
     told = f"The level of `filter` at the first epoch is {first:.0f} m. For the white noise of single fixes 25 is"
-    right = "[right](integrity.md#choose-fault-priors); all other levels on this page have the default, 1."
+    right = "[right](integrity.md#choose-fault-priors). All other levels on this page have the default, 1, and are too low."
     return [*lines, "", f"{told} {right}"]
 
 def false_alarms() -> list[str]:
@@ -208,8 +208,8 @@ def few() -> list[str]:
     return [
         *lines,
         "",
-        "Each row of filters has other subsets if it has another number of satellites: compare rows with five only. In "
-        "one of these four subsets the second pseudolite raises the HPL, from 32 to 46 m.",
+        "Compare only rows with five satellites: they have the same subsets. In one of these four subsets the second "
+        "pseudolite raises the HPL, from 32 to 46 m.",
         "",
         "The paper says that two pseudolites make integrity control possible. A test "
         "[exists](theory/integrity.md#6-required-numbers-of-sources), but with three satellites and two pseudolites "

@@ -259,7 +259,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         *(f"- {each.name}" for each in METHODS if each.name not in JUDGES),
         *(f"- {part}" for part in UNCHECKED),
         "",
-        "Simulated landings [test](sigma.md) the default filter, the sum of several Gaussians.",
+        "The default filter is a sum of several Gaussians. Only simulated landings [test it](sigma.md).",
     ]
     for file, rows in groupby(in_order, lambda row: row[1].file):
         lines += ["", f"## {SUBJECTS[Path(file).stem.removeprefix('test_')]}", ""]

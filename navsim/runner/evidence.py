@@ -166,7 +166,7 @@ def _sections(evidence: Evidence) -> Iterator[str]:
     yield "<h2>Effects that are not modelled</h2>"
     effects = [(each.section, each.effect, each.consequence, each.remedy) for each in limits]
     if effects:
-        yield _table(("subject", "navsim does not model", "what that does to the result", "what to do"), _once(effects))
+        yield _table(("subject", "not in this result", "what that does to it", "what to do"), _once(effects))
     else:
         yield "<p>The assumptions are those of the sources below; navsim keeps no list for this kind of result.</p>"
     yield f"<h2>Sources of the methods</h2><pre>{escape(cited(methods_of([result])))}</pre>"
