@@ -78,7 +78,7 @@ def monitoring() -> list[str]:
     lines = [
         "## Monitoring the filter",
         "",
-        "Limits 40 and 60 m, 6 s:",
+        "Monitored filters have lower levels than `mhss`, and more alarms after a fault. Limits 40 and 60 m, 6 s:",
         "",
         command(SEPARATED, *FAULTS["R01 is 15 m too long from 20 s on"]),
         "",
@@ -92,7 +92,7 @@ def monitoring() -> list[str]:
     many = (tuple(text.replace(CONSTELLATION, f"{CONSTELLATION}, {MANY}") for text in one) for one in MONITORS.values())
     lines.append(row(f"the same, `{MANY}`", *(levels(summary(*settings, runs=1)) for settings in many)))
     told = f"The level of `filter` at the first epoch is {first:.0f} m. For the white noise of single fixes 25 is"
-    right = "[right](integrity.md#choose-fault-priors). All other levels on this page have the default, 1, and are too low."
+    right = "[right](integrity.md#choose-fault-priors). All other levels on this page have the default, 1: too low."
     return [*lines, "", f"{told} {right}"]
 
 def false_alarms() -> list[str]:
