@@ -136,7 +136,7 @@ of {RUNS} runs by up to {reach:.0f} % (95 %). All settings have the same seed, s
 
 A ratio fails if it is outside of 1 ± {WITHIN:g} by more than chance: below {least:.2f} or above {most:.2f}. \
 {unwarned} of {len(found)} settings fail without
-a warning of near pseudolites.
+a warning.
 
 | ranging errors | coupling | distance, m | runs / analysis | runs / sigma | warnings |
 |---|---|---|---|---|---|
