@@ -238,7 +238,7 @@ class IntegritySection(Section):
     """1 sigma of the ranges without a fault by the one that bounds them, which is the receiver's"""
     effective_samples: Annotated[float, Field(ge=1.0, le=1e6)] = 1.0
     """independent samples of an approach, by which p_hmi and p_fa are divided: its duration over the larger of the
-    time to alert and the correlation time of errors. 6 s to alert and white noise: 150 s / 6 s = 25"""
+    time to alert and the correlation time of errors. White noise and 6 s to alert give 150 s / 6 s = 25"""
     error_model: Literal["gaussian", "heavy_tailed"] = "gaussian"
     """noise of ranges in runs. gaussian: with the sigmas that receiver, filter and monitor assume; heavy_tailed: of
     `heavy_tailed`, which they do not know: a test of the bound"""
