@@ -266,7 +266,7 @@ def text(parts: Sequence[Table | str], width: int = WIDEST) -> str:
     from rich.console import Console
 
     out = io.StringIO()
-    Console(file=out, width=width, highlight=False).print(console(parts))
+    Console(file=out, width=width, highlight=False, force_jupyter=False).print(console(parts))
     return "".join(f"{line.rstrip(' ')}\n" for line in out.getvalue().splitlines())
 
 
