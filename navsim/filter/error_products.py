@@ -63,7 +63,7 @@ def start_products(first, nav, p):
 
 
 @kernel
-def grow_products(first, held, nav, p):
+def predict_products(first, held, nav, p):
     """After a prediction of P (n, n), whose covariance of position was `held` (3, 3): what it added is independent of
     the error before."""
     more, informed = small_vector(nav, 3), _informed(first, p)

@@ -24,7 +24,7 @@ from navsim.compiler.lanes import alloc, any_lane, as_simd, small_matrix, small_
 from navsim.compiler.linear import copy, copy_matrix
 from navsim.filter.covariance import NOISE_ACCEL, NOISE_GYRO, gain_by_factor, innovation_factor, is_varying, predict
 from navsim.filter.error_parametrisation import rotate_bias_frame
-from navsim.filter.error_products import grow_products, hold_position, start_products
+from navsim.filter.error_products import hold_position, predict_products, start_products
 from navsim.filter.first_estimates import note_shift, start_transition
 from navsim.filter.history import as_error_registers, as_registers, clear_event, write_output
 from navsim.filter.interval import LONGEST, StepSums, accumulate_markov, add_step, allocate_sums, reset_sums, transition
@@ -337,7 +337,7 @@ def _process(chart, imu, measurements, events, model, line, record, work):
                 hold_position(p, held)
             advance(chart, events.time[i], imu, model, nav, p, cursor, increments, space)
             if chart.products > 0:
-                grow_products(chart.products, held, nav, p)
+                predict_products(chart.products, held, nav, p)
         if model.steady_force and not ahead and kind != OUTPUT and kind != PASS and is_interval_started(line):
             velocity_of(nav, p, v, variance)
             attitude = nav[NAV_QUAT:NAV_BIAS_FRAME]
@@ -371,7 +371,7 @@ def _process(chart, imu, measurements, events, model, line, record, work):
                     hold_position(p, held)
                     widen(p, lost, buffers.z[0], buffers.s[0, 0])
                     if chart.products > 0:
-                        grow_products(chart.products, held, nav, p)
+                        predict_products(chart.products, held, nav, p)
                     weighed = innovation_factor(p, buffers.h, buffers.r, m, buffers.pht, buffers.s) & (degrees > 0.0)
                     rejected[counter] = where(lost, 0.0, rejected[counter])
                 mean, buffers.spread[0], _, _, clean = outlier_moments(buffers.z[0], buffers.s[0, 0], outliers)

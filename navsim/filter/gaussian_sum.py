@@ -35,7 +35,7 @@ from navsim.compiler.lanes import alloc, any_lane, as_simd, no, small_vector, wh
 from navsim.compiler.linear import cholesky, copy
 from navsim.filter import tfg
 from navsim.filter.covariance import gain, innovation_factor
-from navsim.filter.error_products import grow_products, hold_position, start_products
+from navsim.filter.error_products import hold_position, predict_products, start_products
 from navsim.filter.filter_loop import (
     advance,
     force_noise,
@@ -337,7 +337,7 @@ def _process(chart, imu, measurements, events, model, line, record, own, work):
                     space,
                 )  # fmt: skip
                 if chart.products > 0:
-                    grow_products(chart.products, held, now.navigation[j], now.covariance[j])
+                    predict_products(chart.products, held, now.navigation[j], now.covariance[j])
                 _set_bias_axes(
                     now.navigation[j], now.covariance[j], attitude, cursor[1] - cursors[ahead, 1], space.c_nb
                 )
@@ -383,7 +383,7 @@ def _process(chart, imu, measurements, events, model, line, record, own, work):
                         hold_position(now.covariance[j], held)
                         widen(now.covariance[j], lost, zs[j, 0], ss[j, 0, 0])
                         if chart.products > 0:
-                            grow_products(chart.products, held, nav, now.covariance[j])
+                            predict_products(chart.products, held, nav, now.covariance[j])
                         good = innovation_factor(now.covariance[j], buffers.h, buffers.r, m, phts[j], ss[j])
                 copy(zs[j], buffers.z)
                 square = whitened_square(ss[j], buffers.z, m)

@@ -12,6 +12,7 @@ Sources:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,6 +20,9 @@ import numpy as np
 
 from navsim.geodesy.earth import SPEED_OF_LIGHT
 from navsim.gnss.constellations.systems import System
+
+_ROUNDING = 1e-6
+"""Tolerance of a number of epochs, so that the times of further epochs do not change the rounding of half an epoch."""
 
 
 def chip_length(system: System) -> float:
@@ -174,6 +178,11 @@ def over_phases(
 def _triangle(x: np.ndarray) -> np.ndarray:
     """Correlation of the code with itself, x in chips."""
     return np.maximum(1.0 - np.abs(x), 0.0)
+
+
+def smoothing_memory(constant: float, time: np.ndarray) -> int:
+    """Longest memory, epochs, of a carrier smoothing with a time constant, s, of epochs at times (e,), s."""
+    return max(1, math.floor(constant / float(np.median(np.diff(time))) + 0.5 + _ROUNDING))
 
 
 def smoothed_variance(variance: np.ndarray, used: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:

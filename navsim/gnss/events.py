@@ -99,9 +99,13 @@ class RangeFault:
     offset: float
     rate: float
 
+    def at(self, since: np.ndarray) -> np.ndarray:
+        """Addition (e,) to a range, m, after (e,) s."""
+        return self.offset + self.rate * since
+
     def on_ranges(self, scene: Scene, since: np.ndarray, ned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         every = np.ones((1, len(scene.names)))
-        return (self.offset + self.rate * since)[:, None] * every, np.full((since.size, every.size), self.rate)
+        return self.at(since)[:, None] * every, np.full((since.size, every.size), self.rate)
 
 
 @dataclass(frozen=True)

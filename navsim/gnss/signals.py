@@ -31,8 +31,6 @@ from navsim.trajectory.kinematics import Motion
 
 _LISTED_RANGE = 20_000e3
 """Distance given to sources listed by direction, m."""
-_ROUNDING = 1e-6
-"""Tolerance of a number of epochs, so that the times of further epochs do not change the rounding of half an epoch."""
 
 
 @dataclass(frozen=True)
@@ -666,9 +664,7 @@ def fixed_with(
     """
     if effects.smoothing <= 0.0 or time.size < 2:
         return sigma, None
-    epochs = effects.smoothing / float(np.median(np.diff(time)))
-    memory = max(1, math.floor(epochs + 0.5 + _ROUNDING))
-    variance, counts = dll.smoothed_variance(sigma**2, used, memory)
+    variance, counts = dll.smoothed_variance(sigma**2, used, dll.smoothing_memory(effects.smoothing, time))
     return np.sqrt(variance), counts
 
 

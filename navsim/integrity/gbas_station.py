@@ -8,7 +8,6 @@ Source: `docs/theory/integrity.md`, section 5.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -82,7 +81,7 @@ class StationLevels:
         for event in self.station.events:
             assert isinstance(event.what, RangeFault)
             lasting = (signals.time >= event.begin) & (signals.time < event.end)
-            size = np.where(lasting, event.what.offset + event.what.rate * (signals.time - event.begin), 0.0)
+            size = np.where(lasting, event.what.at(signals.time - event.begin), 0.0)
             out[..., event.receiver - 1] += size[:, None] * event.concerns(signals.names, self.systems)
         return out
 
@@ -120,8 +119,7 @@ class StationLevels:
 
         ranges: (e, s, W) smoothed, codes and phases that they are of, m.
         """
-        interval = float(np.median(np.diff(self.signals.time)))
-        memory = max(1, math.floor(SECOND_SMOOTHING / interval + 0.5))
+        memory = dll.smoothing_memory(SECOND_SMOOTHING, self.signals.time)
         _, counts = dll.smoothed_variance(np.zeros(ranges.shape[:2]), self.signals.used, memory)
         longer = np.stack([dll.smooth(codes[..., k], phases[..., k], counts) for k in range(codes.shape[2])], axis=2)
         change = np.where(self.signals.used[..., None], ranges - longer, 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from operator import itemgetter
 
 import numpy as np
 
@@ -110,8 +111,8 @@ def _filter(draft: ResultBuilder, case: Case, ensemble: Ensemble, keep: str) -> 
     if shared.dispersion is not None:
         for i, axis in enumerate(RUNWAY_AXES):
             if keep == "all":
-                draft[f"/filter/gust_{axis}"] = _history(ensemble, "gust", lambda block, i=i: block[..., i])  # type: ignore[misc]
-            draft[f"/filter/deviation_{axis}"] = _history(ensemble, "deviation", lambda block, i=i: block[..., i])  # type: ignore[misc]
+                draft[f"/filter/gust_{axis}"] = _history(ensemble, "gust", itemgetter((..., i)))
+            draft[f"/filter/deviation_{axis}"] = _history(ensemble, "deviation", itemgetter((..., i)))
     draft["/filter/epoch"] = shared.signals.time
     most = int(ensemble.per_run("degrees").max())
     name = "innovation_squared"
@@ -176,18 +177,18 @@ def _watched(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     draft["/integrity/statistic"] = _history(ensemble, "monitor_statistic")
     draft["/integrity/status"] = _history(ensemble, "monitor_status", lambda block: block.astype(np.int8))
     for i, name in enumerate(("horizontal", "vertical")):
-        draft[f"/integrity/error_{name}"] = _history(ensemble, "watched_error", lambda block, i=i: block[..., i])  # type: ignore[misc]
+        draft[f"/integrity/error_{name}"] = _history(ensemble, "watched_error", itemgetter((..., i)))
     if integrity.watches_innovations(case):
         draft["/integrity/innovation_ratio"] = _history(ensemble, "innovation_ratio")
     if (station := case.flight.station) is not None:
         stored = len(HISTORY) if station.station.two_smoothings else DIFFERENCES.start
         for i, name in enumerate(HISTORY[:stored]):
-            draft[f"/integrity/{name}"] = _history(ensemble, "station", lambda block, i=i: block[..., i])  # type: ignore[misc]
+            draft[f"/integrity/{name}"] = _history(ensemble, "station", itemgetter((..., i)))
     if not integrity.excludes(case):
         return
     draft["/integrity/excluded"] = _history(ensemble, "monitor_excluded", lambda block: block.astype(np.int16))
     for i, name in enumerate(("hpl", "vpl")):
-        draft[f"/integrity/{name}_run"] = _history(ensemble, "monitor_level", lambda block, i=i: block[..., i])  # type: ignore[misc]
+        draft[f"/integrity/{name}_run"] = _history(ensemble, "monitor_level", itemgetter((..., i)))
 
 
 def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:

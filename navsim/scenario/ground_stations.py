@@ -249,7 +249,7 @@ class ElevationStationSection(StationSection):
     preset: Literal["none", "ils", "mls"] = "none"
     """limits of 14 CFR 171. A glide path of 3 degrees gets bias_deg, and its full scale as low_deg, 2.28, and high_deg,
     3.72. An MLS elevation gets bias_deg, bends_deg, noise_deg, and low_deg, 0.9"""
-    faults: Annotated[ListOf[AngleFault], Field(max_length=100)] = ()  # type: ignore[assignment]  # in degrees
+    faults: Annotated[ListOf[AngleFault], Field(max_length=100)] = ()  # type: ignore[assignment]  # a DME's are in metres
     """errors that it radiates for some time, unknown to the filter"""
     right_m: Beyond = 120.0
     """distance of the station right of the centre line; without beyond_m it stands abeam of the touchdown point"""

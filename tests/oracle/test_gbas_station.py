@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from navsim.geodesy.earth import llh_from_ecef, ned_matrix
-from navsim.gnss.ground_accuracy import GroundStationError
+from navsim.gnss.ground_accuracy import Designator, GroundStationError
 from navsim.integrity.gbas_station import StationLevels
 from navsim.integrity.sbas_gbas import gbas_factors
 from navsim.landing.study import Case
@@ -64,12 +64,14 @@ def errors_of_receivers(c: Case) -> np.ndarray:
 def test_the_tables_of_ground_accuracy(within: Within) -> None:
     """Means of M receivers with what they have in common; below 5 degrees as at 5."""
     angle = np.radians([[0.0, 20.0, 35.0, 35.01, 90.0]])
-    clear = {"A": (0.5, 1.65, 14.3, 0.08), "B": (0.16, 1.07, 15.5, 0.08), "C": GPS_C["above 35"]}
+    clear: dict[Designator, tuple[float, float, float, float]] = {
+        "A": (0.5, 1.65, 14.3, 0.08), "B": (0.16, 1.07, 15.5, 0.08), "C": GPS_C["above 35"],
+    }  # fmt: skip
     for name, (a0, a1, scale, a2) in clear.items():
         wanted = np.sqrt((a0 + a1 * np.exp(-np.array([5.0, 20.0, 35.0, 35.01, 90.0]) / scale)) ** 2 / 3 + a2**2)
         if name == "C":
             wanted[:3] = math.sqrt(0.24**2 / 3 + 0.04**2)
-        found = GroundStationError(3, name, 100.0).at(angle, ("gps",) * 5)[0]  # type: ignore[arg-type]
+        found = GroundStationError(3, name, 100.0).at(angle, ("gps",) * 5)[0]
         np.testing.assert_allclose(found, wanted, rtol=0.0, atol=within["sigma"])
     a, b = (GroundStationError(2, name, 1.0).at(angle, ("glonass",) * 5)[0, 4] for name in ("A", "B"))
     assert a == pytest.approx(math.sqrt((1.58 + 5.18 * math.exp(-90 / 14.3)) ** 2 / 2 + 0.078**2), abs=1e-12)
