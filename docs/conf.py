@@ -6,10 +6,12 @@ import re
 import sys
 from pathlib import Path
 
+import math_core
 from docutils import nodes
 from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.transforms import SphinxTransform
+from sphinx.util import logging
 
 import navsim
 
@@ -24,8 +26,9 @@ version = release = navsim.__version__
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinxcontrib.bibtex"]
 exclude_patterns = ["_build"]
-highlight_language = "none"  # a block without a language is a formula, a table or a command
-myst_enable_extensions: list[str] = []
+highlight_language = "none"  # a block without a language is a table or a command
+myst_enable_extensions = ["dollarmath"]
+myst_fence_as_directive = ["math"]  # forges typeset such a block, too
 myst_heading_anchors = 4
 nb_execution_mode = "force"  # pages with code cells alone are executed: those in notebooks/
 nb_execution_raise_on_error = True
@@ -105,12 +108,35 @@ class GlossaryIndex(SphinxTransform):
                 cell.insert(0, addnodes.index(entries=entries))
 
 
+class TypesetFormulas(SphinxTransform):
+    """Replace LaTeX by MathML, which browsers typeset without a script. The search finds its letters, not commands."""
+
+    default_priority = 700
+
+    def apply(self, **_: object) -> None:
+        """Typeset each formula; one that can't be read is a warning, and so an error of the build."""
+        converter = math_core.LatexToMathML(fancy_error=False)
+        for node in [*self.document.findall(lambda node: isinstance(node, (nodes.math, nodes.math_block)))]:
+            block = isinstance(node, nodes.math_block)
+            latex = node.astext()
+            if block and r"\tag" in latex and r"\begin{align*}" not in latex:
+                latex = rf"\begin{{equation}}{latex}\end{{equation}}"
+            try:
+                html = converter.convert_with_local_state(latex, displaystyle=block)
+            except math_core.LatexError as error:
+                logging.getLogger(__name__).warning("formula %s: %s", latex, error, location=node)
+                continue
+            html = f'<div class="formula">{html}</div>' if block else html
+            node.replace_self(nodes.raw("", html, format="html"))
+
+
 def setup(app: Sphinx) -> None:
     """What Sphinx calls first."""
     app.connect("source-read", link_reference)
     app.connect("source-read", add_tree)
     app.connect("doctree-read", leave_out_of_search)
     app.add_transform(GlossaryIndex)
+    app.add_transform(TypesetFormulas)
 
 
 def write_reference() -> None:

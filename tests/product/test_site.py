@@ -141,8 +141,8 @@ def test_answers_are_within_three_clicks(site: Path) -> None:
     assert {answer: clicks[answer] for answer in QUESTIONS.values() if clicks[answer] > 3} == {}
 
 
-LOOKED_AT = ("index", "tutorial", "reference/landing/imu", "gallery", "contents/how-to")
-"""Pages that a browser opens: the front page, console blocks, wide tables, figures, a list of contents."""
+LOOKED_AT = ("index", "tutorial", "reference/landing/imu", "theory/filter", "gallery", "contents/how-to")
+"""Pages that a browser opens: the front page, console blocks, wide tables, formulas, figures, a list of contents."""
 
 
 THEME_SAYS = "console: [PST]: Changed to auto mode"
