@@ -149,7 +149,7 @@ THEME_SAYS = "console: [PST]: Changed to auto mode"
 """What the theme writes whenever a page opens."""
 
 
-@pytest.mark.parametrize("name", in_brief(LOOKED_AT, 0, 2))
+@pytest.mark.parametrize("name", in_brief(LOOKED_AT, 0, 3))
 def test_a_browser_finds_no_fault(name: str, browser: Any, site: Path) -> None:
     """Offline: no console line, no request outside; the paper follows the scheme; nothing is wider than a phone."""
     page = opened(browser, offline=True, viewport={"width": 1280, "height": 900})
