@@ -137,21 +137,22 @@ class BeaconFlight:
 class FidelityEvaluator:
     """Evaluation of placements at one fidelity.
 
-    flown: for the filter, with pseudolites or beacons; watched: for levels; None if not needed. The last placement is
-    cached, since objective and requirements need the same.
+    flown: for the filter, with pseudolites or beacons; watched: for levels; None if not needed. The last placement and
+    the one without sources are cached, since objective and requirements need the same.
     """
 
     def __init__(self, kept: Rules, flown: Prepared | BeaconFlight | None, watched: Prepared | None) -> None:
         self._kept, self._flown, self._watched = kept, flown, watched
-        self._last: tuple[bytes, _Found] | None = None
+        self._kept_found: dict[bytes, _Found] = {}
 
     def _of(self, places: np.ndarray) -> _Found:
         key = np.ascontiguousarray(places, np.float64).tobytes()
-        if self._last is None or self._last[0] != key:
+        if key not in self._kept_found:
             llh = self._kept.plane.llh(places)
             cases = [None if flight is None else flight.with_sites(llh) for flight in (self._flown, self._watched)]
-            self._last = key, _Found(*cases)
-        return self._last[1]
+            without = {some: self._kept_found[some] for some in (b"",) if some in self._kept_found}
+            self._kept_found = {**without, key: _Found(*cases)}
+        return self._kept_found[key]
 
     def judge(self, name: str) -> ObjectiveFunction:
         """Evaluator of placements by an error of the filter, or by levels.

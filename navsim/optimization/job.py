@@ -12,7 +12,7 @@ from navsim.landing.simulation_size import ANALYSED_MEMORY, SAMPLE_MEMORY, SIGNA
 from navsim.optimization import study as optimize
 from navsim.optimization.flatness import MAP_POINTS
 from navsim.optimization.problem import PENALTY_REQUIREMENT, PlacementProblem, load_of, problem
-from navsim.optimization.progress import SearchMonitor, SearchProgress
+from navsim.optimization.progress import PREPARING, SearchMonitor, SearchProgress
 from navsim.optimization.scenario import DOP_OBJECTIVES, Optimize
 from navsim.optimization.search import CHUNK, COARSE, FULL
 from navsim.optimization.search_log import SearchLog
@@ -128,8 +128,10 @@ def progress_text(progress: SearchProgress, unit: str, large: bool = False, quic
         best += f" at s, l1 {at} m"
     remaining = "time left not known yet"
     if progress.remaining is not None:
-        remaining = f"at this pace at most {progress.remaining:.0f} s of search left"
-    return f"{progress.step or 'preparing'}: {tried}; {best}; {progress.used:.0f} s used, {remaining}"
+        remaining = f"at most {progress.remaining:.0f} s of search left"
+        if not progress.remaining:
+            remaining = "the search is over"
+    return f"{progress.step or PREPARING}: {tried}; {best}; {progress.used:.0f} s used, {remaining}"
 
 
 def check(section: Optimize, document: Document) -> list[str]:

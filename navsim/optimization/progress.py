@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -11,6 +12,9 @@ import numpy as np
 
 _MEMORY = 0.2
 """Weight of the newest batch in the running mean of the cost of an evaluation."""
+
+PREPARING = "preparing"
+"""Name of what precedes the first step."""
 
 
 class TimeUp(Exception):
@@ -110,6 +114,16 @@ class SearchMonitor:
             self._now.most[fidelity] = max(self._now.most[fidelity] - count, 0)
         self.look()
 
+    @property
+    def doing(self) -> str:
+        """Name of the present step."""
+        return self._now.name or PREPARING
+
+    def conclude(self, name: str) -> None:
+        """Report work that follows a search that its limit has ended."""
+        self._limit, self._to_come, self._now = None, [], Step(name, {})
+        self.look()
+
     def look(self) -> None:
         """Report progress. Raises TimeUp."""
         used = self._clock() - self._started
@@ -121,7 +135,7 @@ class SearchMonitor:
         left = 0.0
         for step in (self._now, *self._to_come):
             for fidelity, most in step.most.items():
-                if most and fidelity not in self._cost:
-                    return None
-                left += self._cost.get(fidelity, 0.0) * most
-        return left if self._limit is None else min(left, max(self._limit - used, 0.0))
+                left += self._cost.get(fidelity, math.inf) * most if most else 0.0
+        if self._limit is not None:
+            left = min(left, max(self._limit - used, 0.0))
+        return left if math.isfinite(left) else None

@@ -299,9 +299,11 @@ def solve(
         if not outcome.found:
             if isinstance(stop, KeyboardInterrupt):
                 raise
-            raise NoPlacement("the time limit passed before any placement that keeps the rules was found") from None
+            text = f"the time limit passed during '{watch.doing}', before navsim had evaluated a placement"
+            raise NoPlacement(f"{text} that keeps the rules; give a longer one") from None
         if runs and outcome.stopped == TIME_LIMIT:
             for one in sorted(outcome.found.keys() - outcome.confirmed.keys()):
+                watch.conclude(_flying(problem, one.count))
                 _fly_best(problem, outcome, one, seed, runs, journal)
     return outcome
 

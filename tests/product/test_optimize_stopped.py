@@ -108,7 +108,7 @@ def test_time_limit_after_the_search_says_what_is_left(
 def test_no_time_for_anything(study: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     code, _, err = optimize(monkeypatch, capsys, Clock(), study, "--time-limit", "2")
     assert code == 3
-    assert "time limit passed before any placement" in err
+    assert "time limit passed during 'preparing', before" in err
     assert not study.with_suffix(".h5").exists()
 
 

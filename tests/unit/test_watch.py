@@ -81,8 +81,8 @@ def test_a_line_every_ten_seconds_without_a_terminal(capsys: pytest.CaptureFixtu
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 3
     assert lines[0] == (
-        "2 pseudolites, searching: 930 placements tried, 30 by covariance analysis; none found yet; 10 s used, at this "
-        "pace at most 42 s of search left"
+        "2 pseudolites, searching: 930 placements tried, 30 by covariance analysis; none found yet; 10 s used, "
+        "at most 42 s of search left"
     )
     assert "best 0.1562 m at s, l1 (-42, 518), (100, 7) m; 20 s used" in lines[1]
 
