@@ -126,7 +126,12 @@ class TypesetFormulas(SphinxTransform):
             except math_core.LatexError as error:
                 logging.getLogger(__name__).warning("formula %s: %s", latex, error, location=node)
                 continue
-            html = f'<div class="formula">{html}</div>' if block else html
+            if block:
+                html = f'<div class="formula">{html}</div>'
+            elif isinstance(after := node.next_node(descend=False, siblings=True), nodes.Text):
+                stop = re.match(r"[.,;:)]*", after)[0]  # or a line could begin with it
+                after.parent.replace(after, nodes.Text(after[len(stop) :]))
+                html = f'<span class="formula">{html}{stop}</span>'
             node.replace_self(nodes.raw("", html, format="html"))
 
 
