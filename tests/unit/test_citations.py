@@ -40,7 +40,7 @@ _CITED = re.compile(
     rf"(?:,?\s+(?:sections?\s+(?P<sections>{_NUMBERS})|eqs?\.\s+(?P<equations>{_NUMBERS}))|,\s+\"(?P<heading>[^\"]+)\")?"
 )
 _SOURCE_NUMBER = re.compile(r"(?<![\w\])`])\[(\d+)\](?!\w|\[|\()")
-_EQUATION = re.compile(r"(?:^ {4,}\S.*\s{2,}\(|\\tag\{)(\d+)[)}]", re.MULTILINE)
+_EQUATION = re.compile(r"\\tag\{(\d+)\}")
 
 
 @dataclass(frozen=True)
