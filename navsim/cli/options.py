@@ -150,7 +150,7 @@ class Required:
         bool,
         typer.Option(
             "--require-consistent",
-            help="Exit with code 3 if errors, innovations or the covariance contradict the filter's sigma.",
+            help="Exit with code 3 if errors or innovations exceed the filter's sigma, beyond chance and tolerances.",
         ),
     ] = False
     require: Annotated[

@@ -25,6 +25,8 @@ from navsim.statistics.rounding import digits
 if TYPE_CHECKING:
     from navsim.replays.study import Recording
 
+HELD, TOO_SMALL, TOO_LARGE, NOT_GAUSSIAN = "held", "sigma too small", "sigma too large", "not Gaussian"
+"""Verdicts on the prediction of a quantity."""
 LARGEST_NIS = 2.0
 """Mean normalised innovation squared of a recorded flight, whose noise is tuned to 1, that is no accident."""
 VELOCITY_SIGMA = "times the velocity sigma"
@@ -57,7 +59,8 @@ def findings(
     out += _pauses(flight) + [_of_lost(one) for one in flown.lost] + find_outliers(flight, flown)
     if recording.scenario.checks != "off":
         out += find_off_course(flight, flown)
-    return out + of_flight(result, None, withheld | ~flown.flown) + _inconsistent(result) + _tied(result)
+    out += of_flight(result, None, withheld | ~flown.flown)
+    return out + _inconsistent(result) + _tied(result) + failed_prediction(result)
 
 
 def _tied(result: Result) -> list[Finding]:
@@ -80,7 +83,27 @@ def _tied(result: Result) -> list[Finding]:
         f"gnss.position_sigma_m: [{sigma}]"
     )
     degrees = result["/innovations/degrees"]
-    return [Finding("position_noise", text, (), int(degrees.astype(bool).sum()), degrees.size)]
+    by_chance = limit(3.0 * float(result["/summary/motion_fixes"][group])) / DOUBTED
+    against = (CONSISTENT,) if nis[0] > by_chance else ()
+    return [Finding("position_noise", text, against, int(degrees.astype(bool).sum()), degrees.size)]
+
+
+def failed_prediction(result: Result) -> list[Finding]:
+    """Finding of quantities that contradict the prediction of the first part; larger ones violate `CONSISTENT`."""
+    if "/summary/bet_verdict" not in result:
+        return []
+    verdicts = [str(each) for each in result["/summary/bet_verdict"]]
+    names = [str(name).rpartition(", ")[0] for name in result["/summary/quantity"]]  # without the unit
+    wrong = {
+        verdict: [name for name, each in zip(names, verdicts, strict=True) if each == verdict]
+        for verdict in (TOO_SMALL, NOT_GAUSSIAN, TOO_LARGE)
+    }
+    said = [f"{verdict} for {' and '.join(of)}" for verdict, of in wrong.items() if of]
+    if not said:
+        return []
+    text = f"the prediction failed: {'; '.join(said)} (99.9 %, table \"Predicted from the part up to ...\")"
+    against = (CONSISTENT,) if wrong[TOO_SMALL] or wrong[NOT_GAUSSIAN] else ()
+    return [Finding("prediction", text, against, sum(map(len, wrong.values())), len(verdicts))]
 
 
 def _inconsistent(result: Result) -> list[Finding]:

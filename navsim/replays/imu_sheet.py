@@ -48,14 +48,14 @@ _HOLE = 5.0
 """Intervals of a hole; the longest piece without one is used."""
 _UNITS = {
     "gyro": {
-        "white": ("arw_deg_sqrt_h", DEG_SQRT_H, "deg/sqrt(h)"),
-        "flicker": ("bias_instability_deg_h", DEG_H, "deg/h"),
-        "walk": ("rate_random_walk_deg_h_sqrt_h", DEG_H / 60.0, "deg/h/sqrt(h)"),
+        "white": ("arw_deg_sqrt_h", DEG_SQRT_H, "°/√h"),
+        "flicker": ("bias_instability_deg_h", DEG_H, "°/h"),
+        "walk": ("rate_random_walk_deg_h_sqrt_h", DEG_H / 60.0, "°/h/√h"),
     },
     "accelerometer": {
-        "white": ("vrw_m_s_sqrt_h", 1.0 / 60.0, "m/s/sqrt(h)"),
+        "white": ("vrw_m_s_sqrt_h", 1.0 / 60.0, "m/s/√h"),
         "flicker": ("bias_instability_mg", MG, "mg"),
-        "walk": ("bias_random_walk_mg_sqrt_h", MG / 60.0, "mg/sqrt(h)"),
+        "walk": ("bias_random_walk_mg_sqrt_h", MG / 60.0, "mg/√h"),
     },
 }
 """Key of the scenario, its unit in SI, its name, of each term of each sensor."""

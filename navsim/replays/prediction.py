@@ -25,6 +25,7 @@ import navsim
 from navsim.filter.estimate import FILTER_KINDS
 from navsim.formats.recorded_data import Fixes
 from navsim.replays import flight as replay
+from navsim.replays.findings import HELD, NOT_GAUSSIAN, TOO_LARGE, TOO_SMALL
 from navsim.replays.motion import in_motion
 from navsim.replays.reading import ReplayError
 from navsim.replays.recorded_flight import RecordedFlight
@@ -47,6 +48,8 @@ MOST_OUTAGES = 20
 """Outages of each length, in the first part and in the rest."""
 LEAST = 2
 """Least number of values in the first part for a prediction."""
+DOUBT = 0.0005
+"""Probability beyond each end of the interval of a share, outside which a prediction has failed: two-sided 99.9 %."""
 SETTLED = 20.0
 """Time after the alignment from which on innovations and outages count, s."""
 _LARGEST_FILE = 1 << 20
@@ -141,18 +144,28 @@ def write_score(draft: ResultBuilder, prediction: Prediction, recording: Recordi
     for name, bands in content["bands"].items():
         values = np.abs(seen[name][0])
         count = effective_count(values)
-        score = np.full((len(SHARES), 3), np.nan)
+        score, verdict = np.full((len(SHARES), 3), np.nan), "no values"
         if values.size:
             inside = [float(np.mean(values <= band)) for band in bands]
             score = np.array([share_interval(share * count, count) for share in inside])
-        rows.append((values.size, count, np.column_stack([bands, score])))
+            verdict = verdict_of(inside, count)
+        rows.append((values.size, count, np.column_stack([bands, score]), verdict))
     draft.put("/summary/quantity", np.array(list(content["bands"]), dtype=object))
     draft.put("/summary/bet_until", np.float64(content["until_s"]), {"sha256": prediction.digest})
     draft["/summary/bet_values"] = np.array([size for size, *_ in rows])
-    draft["/summary/bet_independent"] = np.array([count for _, count, _ in rows])
+    draft["/summary/bet_independent"] = np.array([count for _, count, *_ in rows])
+    draft["/summary/bet_verdict"] = np.array([verdict for *_, verdict in rows], dtype=object)
     for i, share in enumerate(SHARES):
         for j, name in enumerate(("band", "share", "low", "high")):
-            draft[f"/summary/bet_{name}_{share}"] = np.array([each[i, j] for *_, each in rows])
+            draft[f"/summary/bet_{name}_{share}"] = np.array([each[i, j] for _, _, each, _ in rows])
+
+
+def verdict_of(inside: Sequence[float], count: float) -> str:
+    """Whether shares of so many independent values within the bands of `SHARES` contradict the prediction."""
+    ends = [share_interval(share * count, count, DOUBT)[1:] for share in inside]
+    fewer = any(high < due / 100.0 for (_, high), due in zip(ends, SHARES, strict=True))
+    more = any(low > due / 100.0 for (low, _), due in zip(ends, SHARES, strict=True))
+    return NOT_GAUSSIAN if fewer and more else TOO_SMALL if fewer else TOO_LARGE if more else HELD
 
 
 def _values(

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+SHOWN_UNITS = {"rad/sqrt(s)": ("°/√h", math.radians(1.0 / 60.0)), "m/s/sqrt(s)": ("m/s/√h", 1.0 / 60.0),
+               "rad": ("°", math.radians(1.0))}  # fmt: skip
+"""Units of tuned values on screen, those of data sheets and of the log's keys, and their size in SI."""
 REJECTED = 2
 """Status of a fix or range that the gate rejected, in `/innovations`."""
 
@@ -35,8 +38,9 @@ def tables(result: Result) -> list[Table | str]:
     tuned = Table("Noise and latency", ("what", "value", "unit", "from"))
     for path, variable in sorted(result.variables.items()):
         if path.startswith("/tuning/"):
-            value = cell("{:.4g}", float(np.asarray(variable.data)))
-            tuned.add(variable.long_name, value, variable.units, str(variable.attributes["origin"]))
+            unit, size = SHOWN_UNITS.get(variable.units, (variable.units, 1.0))
+            value = cell("{:.4g}", float(np.asarray(variable.data)) / size)
+            tuned.add(variable.long_name, value, unit, str(variable.attributes["origin"]))
     alignment = result.attributes
     sigma = np.asarray(alignment["alignment_sigma_deg"])
     begin, until = float(alignment["alignment_time"]), float(alignment["alignment_until"])
@@ -79,12 +83,15 @@ def _evidence(result: Result) -> list[Table]:
     """Innovations over their sigmas by motion and by quantity, where 1 is due; their autocorrelation, where 0 is."""
     if "/summary/nis_position" not in result:  # results of earlier versions lack it
         return []
-    out = Table("NIS by motion", ("fixes", "all", "position", "velocity"))
+    out = Table("NIS by motion", ("motion", "fixes", "all", "position", "velocity"))
     for i, name in enumerate(result["/summary/motion"]):
         if np.isfinite(result["/summary/nis"][i]):
-            out.add(str(name), *(number(result[f"/summary/nis{of}"][i], 2) for of in ("", "_position", "_velocity")))
+            counted = "/summary/motion_fixes" in result  # results of earlier versions lack it
+            fixes = cell("{}", int(result["/summary/motion_fixes"][i])) if counted else ""
+            nis = (number(result[f"/summary/nis{of}"][i], 2) for of in ("", "_position", "_velocity"))
+            out.add(str(name), fixes, *nis)
     lags = (number(float(result[f"/summary/lag1_{of}"]), 2) for of in ("position", "velocity"))
-    out.add("lag-1 autocorrelation, moving", "", *lags)
+    out.add("lag-1 autocorrelation, moving", "", "", *lags)
     return [out]
 
 
@@ -95,7 +102,7 @@ def _predicted(result: Result) -> list[Table | str]:
     until = result.variables["/summary/bet_until"]
     out = Table(
         f"Predicted from the part up to {float(np.asarray(until.data)):g} s, and what followed",
-        ("in motion", "values", "independent", "50 % within", "were, %", "95 % within", "were, %"),
+        ("in motion", "values", "independent", "50 % within", "were, %", "95 % within", "were, %", "verdict"),
     )
     for i, name in enumerate(result["/summary/quantity"]):
         shares: list[Cell] = []
@@ -103,7 +110,8 @@ def _predicted(result: Result) -> list[Table | str]:
             band, *share = (float(result[f"/summary/bet_{of}_{percent}"][i]) for of in ("band", "share", "low", "high"))
             shares += [cell("{:.3g}", band), interval(share, 0, 100.0)]
         counts = result["/summary/bet_values"][i], result["/summary/bet_independent"][i]
-        out.add(str(name), cell("{}", int(counts[0])), number(counts[1], 0), *shares)
+        verdict = str(result["/summary/bet_verdict"][i]) if "/summary/bet_verdict" in result else ""  # earlier results
+        out.add(str(name), cell("{}", int(counts[0])), number(counts[1], 0), *shares, verdict)
     return [out, f"SHA-256 of the prediction: {until.attributes['sha256']}"]
 
 

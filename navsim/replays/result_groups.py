@@ -161,7 +161,8 @@ def write_white_noise(draft: ResultBuilder, recording: Recording) -> None:
         ("gyro", "rate", recording.gyro, imu.gyro.arw_deg_sqrt_h),
         ("accelerometer", "force", recording.accel, imu.accelerometer.vrw_m_s_sqrt_h),
     ):
-        sheet = triad.noise_density, f"imu.sensor_class: {imu.sensor_class}" if given is None else "given"
+        of_class = f"no rest shows it; imu.sensor_class: {imu.sensor_class}"
+        sheet = triad.noise_density, of_class if given is None else "given"
         density, origin = white_noise(recording.samples, rests, of) or sheet
         draft.put(f"/tuning/{name}_white_noise", density, {"origin": origin})
 
@@ -258,6 +259,7 @@ def write_summary(draft: ResultBuilder, flight: RecordedFlight, flown: replay.Re
     ]
     draft["/summary/nis"] = np.array(nis)
     draft["/summary/degrees_of_freedom"] = np.array([int(flown.degrees[m].sum()) for m in groups.values()])
+    draft["/summary/motion_fixes"] = np.array([int(m.sum()) for m in groups.values()])
     scaled = flown.innovation / flown.innovation_sigma
     for name, part in (("position", scaled[:, :3]), ("velocity", scaled[:, 3:])):
         draft[f"/summary/nis_{name}"] = np.array([_rms(part[m]) ** 2 for m in groups.values()])

@@ -322,7 +322,8 @@ _TEX = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"$<$", ">": r"$>$", "σ": r"$\sigma$",
     "β": r"$\beta$", "°": r"$^\circ$", "²": r"$^2$", "±": r"$\pm$", "×": r"$\times$", "→": r"$\rightarrow$",
-    "≤": r"$\le$", "−": r"$-$", "…": r"\ldots{}", "⁻": r"$^-$", "³": r"$^3$", '"': r"\textquotedbl{}",
+    "≤": r"$\le$", "−": r"$-$", "…": r"\ldots{}", "⁻": r"$^-$", "³": r"$^3$", "√": r"$\surd$",
+    '"': r"\textquotedbl{}",
 }  # fmt: skip
 
 

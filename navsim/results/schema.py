@@ -1057,6 +1057,7 @@ _REPLAY = Chapter(
         _a("/summary/innovation_velocity", "motion ned", "m/s", "rms of the velocity innovations", REPLAY),
         _a("/summary/nis", "motion", "1", "normalised innovation squared per degree of freedom", (REPLAY, LIVE)),
         _a("/summary/degrees_of_freedom", "motion", "1", "degrees of freedom of their innovations", REPLAY, WHOLE),
+        _a("/summary/motion_fixes", "motion", "1", "number of fixes that the filter used", REPLAY, WHOLE),
         _a("/summary/count/samples", "", "1", "number of samples of the IMU", REPLAY, WHOLE),
         _a("/summary/count/gaps", "", "1", "number of gaps between the samples", REPLAY, WHOLE),
         _a("/summary/nis_{part}", "motion", "1", "normalised innovation squared per degree of freedom, {part}", REPLAY,
@@ -1072,6 +1073,8 @@ _REPLAY = Chapter(
         _a("/summary/bet_until", "", "s", "end of the first part", REPLAY, when=_BET, attributes=("sha256",)),
         _a("/summary/bet_values", "quantity", "1", "number of values that followed", REPLAY, WHOLE, when=_BET),
         _a("/summary/bet_independent", "quantity", "1", "number of independent values among them", REPLAY, when=_BET),
+        _a("/summary/bet_verdict", "quantity", "1", "whether the shares that followed contradict the prediction at "
+           "99.9 %: held, sigma too small, sigma too large, not Gaussian", REPLAY, TEXT, when=_BET),
         *(
             _a(f"/summary/bet_{name}_{{percent}}", "quantity", "1", meaning, REPLAY, when=_BET, percent=("50", "95"))
             for name, meaning in (

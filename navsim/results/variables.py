@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from navsim.results.schema import SECTIONS, Entry, fields
+from navsim.results.schema import ONE_FLIGHT, SECTIONS, Entry, fields
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def row_of(entry: Entry, layout: str) -> VariableRow:
     meaning = with_members(entry, entry.meaning)
     if entry.labels:
         meaning += ": " + ", ".join(entry.labels)
-    dimensions = tuple(_in_angle_brackets(dim) for dim in entry.dims)
+    dimensions = tuple(_in_angle_brackets(d) for d in entry.dims if d != "run" or layout not in ONE_FLIGHT)
     return VariableRow(tuple(paths_of(entry)), dimensions, with_members(entry, entry.units), entry.of, meaning,
                        entry.layouts[layout], entry.attributes)  # fmt: skip
 

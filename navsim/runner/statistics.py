@@ -53,13 +53,13 @@ def rms_interval_of_means(per_component: np.ndarray, runs: int) -> np.ndarray:
     return np.sqrt(total * np.array([1.0, degrees / low, degrees / high]))
 
 
-def share_interval(count: float, runs: float) -> np.ndarray:
-    """A share of runs, or of an effective number of them, with its two-sided 95 % interval (Clopper and Pearson 1934):
-    value, low, high."""
+def share_interval(count: float, runs: float, tail: float = _TAIL) -> np.ndarray:
+    """A share of runs, or of an effective number of them, with its two-sided interval (Clopper and Pearson 1934):
+    value, low, high. tail: probability beyond each end, 2.5 % by default."""
     from scipy.special import betaincinv
 
-    low = float(betaincinv(count, runs - count + 1, _TAIL)) if count else 0.0
-    high = float(betaincinv(count + 1, runs - count, 1.0 - _TAIL)) if count < runs else 1.0
+    low = float(betaincinv(count, runs - count + 1, tail)) if count else 0.0
+    high = float(betaincinv(count + 1, runs - count, 1.0 - tail)) if count < runs else 1.0
     return np.array([count / runs, low, high])
 
 

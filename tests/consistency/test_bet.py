@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import navsim
-from navsim.replays.prediction import Prediction, _quantile, effective_count
+from navsim.replays.prediction import Prediction, _quantile, effective_count, verdict_of
 from navsim.replays.reading import ReplayError
 from navsim.replays.study import Recording
 from navsim.results.result import read
@@ -71,6 +71,11 @@ def test_what_follows_does_not_change_the_prediction(log: Path, scored: navsim.R
     assert first == again
     velocity = scored["summary/quantity"].tolist().index("velocity north, east, m/s")
     assert other["summary/bet_high_95"][velocity] < 0.95  # 1 m/s where 0.1 is predicted
+    assert other["summary/bet_verdict"][velocity] == "sigma too small"
+    assert scored["summary/bet_verdict"][velocity] == "held"
+    (told,) = (found for found in other.findings if found.name == "prediction")
+    assert told.against == ("consistent",)
+    assert "sigma too small for velocity north, east" in told.text
 
 
 def test_an_earlier_prediction_is_tested_as_it_was_written(log: Path, scored: navsim.ResultFile) -> None:
@@ -87,6 +92,14 @@ def test_an_earlier_prediction_is_tested_as_it_was_written(log: Path, scored: na
     tight = cast(Recording, SimpleNamespace(tuned=("range_rate_sigma", "latency")))
     with pytest.raises(ReplayError, match="another coupling, without range_rate_sigma"):
         Prediction.read(path).tuning(tight)
+
+
+@pytest.mark.parametrize(("inside", "count", "due"), [
+    ((0.5, 0.95), 200.0, "held"), ((0.42, 0.86), 200.0, "sigma too small"), ((0.82, 1.0), 177.0, "sigma too large"),
+    ((0.7, 0.85), 200.0, "not Gaussian"), ((0.2, 0.8), 5.0, "held"),
+])  # fmt: skip
+def test_verdicts_allow_for_chance(inside: tuple[float, float], count: float, due: str) -> None:
+    assert verdict_of(inside, count) == due
 
 
 def test_quantiles_of_a_mixture() -> None:

@@ -698,17 +698,21 @@ def test_a_few_large_innovations_are_no_finding(degrees: int, told: bool) -> Non
     assert bool(_inconsistent(result)) is told
 
 
-@pytest.mark.parametrize(("position", "origin", "told"), [
-    (1.68, "2.5 s times the velocity sigma", True), (0.5, "2.5 s times the velocity sigma", False),
-    (1.68, "given", False),
+@pytest.mark.parametrize(("position", "fixes", "origin", "told"), [
+    (1.68, 100, "2.5 s times the velocity sigma", True), (1.68, 10, "2.5 s times the velocity sigma", True),
+    (0.5, 100, "2.5 s times the velocity sigma", False), (1.68, 100, "given", False),
 ])  # fmt: skip
-def test_positions_that_scatter_more_than_their_tied_sigma_are_told(position: float, origin: str, told: bool) -> None:
+def test_positions_that_scatter_more_than_their_tied_sigma_are_told(
+    position: float, fixes: int, origin: str, told: bool
+) -> None:
     values = {
         "/tuning/position_sigma_horizontal": 0.24, "/tuning/position_sigma_vertical": 0.44,
         "/summary/motion": np.array(["all", "moving"]), "/summary/nis_position": np.array([1.0, position]),
         "/summary/nis_velocity": np.array([1.0, 0.27]), "/innovations/degrees": np.full(100, 6),
+        "/summary/motion_fixes": np.array([100, fixes]),
     }  # fmt: skip
     result = Result({}, {path: Variable((), data, "", "", {"origin": origin}) for path, data in values.items()})
     found = _tied(result)
     assert bool(found) is told
     assert not told or found[0].text.endswith("gnss.position_sigma_m: [0.31, 0.57]")  # sigma times the root of NIS
+    assert not told or bool(found[0].against) is (fixes == 100)  # of ten fixes chance explains it
