@@ -25,7 +25,13 @@ if TYPE_CHECKING:
     from navsim.runner.target import Written
 
 
-AT_TERMINAL = Reporter(print_message, lambda warning: print_message(f"warning: {warning}"))
+def _warn(warning: str) -> None:
+    from navsim.results.findings import labelled
+
+    print_message(f"warning: {labelled(warning)}")
+
+
+AT_TERMINAL = Reporter(print_message, _warn)
 """Messages of the work go to standard error."""
 
 

@@ -28,6 +28,8 @@ def validate(
     set_: Annotated[list[str] | None, set_option("file")] = None,
 ) -> None:
     """Check a scenario, study or log and the files that it names."""
+    from navsim.results.findings import labelled
+
     right = True
     for scenario in scenarios:
         of = f"{scenario}: " if len(scenarios) > 1 else ""
@@ -39,7 +41,7 @@ def validate(
                 print_message(f"error: {'' if problem.file == str(scenario) else of}{problem}")
             continue
         for text in warnings:
-            AT_TERMINAL.warn(f"{of}{text}")
+            AT_TERMINAL.warn(f"{of}{labelled(text)}")
         kind = str(document.data["kind"])
         print(f"{scenario}: a valid {KINDS[kind].noun} of kind {kind}")
     if not right:

@@ -13,11 +13,11 @@ if TYPE_CHECKING:
 
 def warn(result: Result, name: str = "", known: Sequence[str] = ()) -> None:
     """Print the findings of a result. name: of the result, if there are several. known: findings already printed."""
-    from navsim.results.findings import of, several
+    from navsim.results.findings import labelled, of, several
 
-    found = [finding.text for finding in of(result)]
-    for text in found:
-        if text not in known:
-            print_message(f"warning: {name}{': ' if name else ''}{text}")
+    found = of(result)
+    for one in found:
+        if one.text not in known:
+            print_message(f"warning: {name}{': ' if name else ''}{labelled(one.text, one.name)}")
     if found:
         print_message(several(len(found), "warning"))

@@ -20,6 +20,7 @@ from navsim.gnss.ranging_geometry import (
     without_clock,
 )
 from navsim.gnss.sky import enu_matrix
+from navsim.results.findings import BEACONS, CONSISTENT, SIGMA_WITH_BEACONS, Note
 from navsim.sensors.beacons import Beacons
 from navsim.statistics.rounding import digits
 from navsim.trajectory.kinematics import Moving
@@ -200,39 +201,49 @@ def curvature_warnings(geometry: BeaconGeometry, of_fix: np.ndarray) -> list[str
     if not ratio[e, n] > CURVED:
         return []
     height = -float(geometry.away[e, n, 2])
-    return [
+    return [Note(
         f"beacons: the filter takes ranges of {sensor.names[n]} as linear in the position error, which they are not: "
         f"at {digits(distance[e, n])} m, {abs(height):.0f} m {'above' if height > 0.0 else 'below'} it, they are "
         f"{digits(longer[e, n])} m off on average, {digits(ratio[e, n])} times their noise. So sigma may be far too "
         "small. Set filter.beacons.second_order: true; check beacons.height_m; put beacons where they show the "
         "height, far above or below the path; or set "
-        f"filter.beacons.sigma_m to {digits(1.1 * longer[e, n] / CURVED, 2)}"  # more noise also leaves P larger
-    ]
+        f"filter.beacons.sigma_m to {digits(1.1 * longer[e, n] / CURVED, 2)}",  # more noise also leaves P larger
+        SIGMA_WITH_BEACONS, (CONSISTENT,),
+    )]  # fmt: skip
 
 
 def beacon_warnings(geometry: BeaconGeometry, glide: np.ndarray) -> list[str]:
     """Warnings of beacons that are never received, and of layouts that do not show the height on the glide, (e,)
     bool."""
-    names, out = geometry.sensor.names, []
+    out: list[str] = []
+    names = geometry.sensor.names
+    why = "out of reach, beyond the horizon, behind terrain or silent"
+    if geometry.received.size and not geometry.received.any():
+        nearest = np.linalg.norm(ecef_from_llh(geometry.llh) - geometry.position[:, None], axis=2).min()
+        return [Note(
+            f"beacons: none is ever received, so they change nothing: {why}. They reach "
+            f"{digits(geometry.sensor.reach)} m, and the nearest passes at {digits(nearest)} m", BEACONS,
+        )]  # fmt: skip
     for name, times in zip(names, geometry.received.T, strict=True):
         if not times.any():
-            out.append(f"beacons: {name} is never received: it is out of reach, beyond the horizon or behind terrain")
+            out.append(Note(f"beacons: {name} is never received: it is {why}", BEACONS))
     far = np.where(geometry.received, np.linalg.norm(geometry.away, axis=2), 0.0).max(initial=0.0)
     its, assumed = geometry.sensor, geometry.sensor.design
     drawn = 1e-6 * its.air_sigma * float(far)
     needed = math.hypot(its.true_errors.bias, drawn)
     if drawn > 0.5 * math.hypot(assumed.errors.bias, assumed.sigma) and assumed.errors.bias < 0.99 * needed:
-        out.append(
+        out.append(Note(
             f"beacons.air: its drawn part reaches {digits(drawn)} m (1 sigma) at {digits(far)} m, and the filter has "
-            f"no state for it: its sigma is too small; set filter.beacons.bias_sigma_m to {digits(needed)}"
-        )
+            f"no state for it: its sigma is too small; set filter.beacons.bias_sigma_m to {digits(needed)}",
+            SIGMA_WITH_BEACONS, (CONSISTENT,),
+        ))  # fmt: skip
     if not glide.any():
         return out
     vdop = geometry.dop[glide, 2]
     if np.isnan(vdop).all():
         few = "three" if geometry.sensor.clock is None else "four"
-        return [*out, f"beacons: fewer than {few} are received at a time on the glide, or all in one line: their "
-                "ranges alone give no position"]  # fmt: skip
+        return [*out, Note(f"beacons: fewer than {few} are received at a time on the glide, or all in one line: their "
+                           "ranges alone give no position", BEACONS)]  # fmt: skip
     largest = float(np.nanmax(vdop))
     if largest > FLAT_VDOP:
         plane, used = plane_of(ecef_from_llh(geometry.llh)), np.flatnonzero(glide)
@@ -246,7 +257,8 @@ def beacon_warnings(geometry: BeaconGeometry, glide: np.ndarray) -> list[str]:
         east, north, up = np.moveaxis(geometry.away[glide], -1, 0)
         under = (-up > np.hypot(east, north)).any()  # seen below 45 degrees: one stands there already
         text += "put one much higher, " + ("" if under else "or one under the glide path, ")
-        out.append(text + "or keep another source of height")
+        text += "or keep another source of height. This is of the ranges alone; judge a layout by the filter's sigma"
+        out.append(Note(text, BEACONS))
         height, residual = geometry.images(used[[0, -1]])
         sensor = geometry.sensor
         if (fits := residual < _SIGMAS * sensor.sigma).any():
@@ -255,8 +267,8 @@ def beacon_warnings(geometry: BeaconGeometry, glide: np.ndarray) -> list[str]:
                 for h, what, fit in zip(height, ("begins", "ends"), fits, strict=True)
                 if fit
             ]
-            out.append(
+            out.append(Note(
                 f"beacons: the ranges have a mirror solution {' and '.join(places)}, and fit it within "
-                f"{residual[fits].max():.2f} m: a filter that starts from ranges alone may take it"
-            )
+                f"{residual[fits].max():.2f} m: a filter that starts from ranges alone may take it", BEACONS,
+            ))  # fmt: skip
     return out

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from navsim.geodesy.earth import ecef_from_llh
+from navsim.results.findings import CONSISTENT, SIGMA_WITH_BEACONS, Note
 from navsim.scenario.approach import PaperApproach, SmoothApproach, WaypointApproach
 from navsim.scenario.landing import Landing
 from navsim.scenario_files.presets import BEACON_PRESETS, BEACON_UNVERIFIED
@@ -31,8 +32,11 @@ WANDERED = 2.0
 itself are doubted."""
 MANY_OUTLIERS = 0.1
 """Fraction of outliers among ranges of beacons beyond which the filter's sigma is doubted: it has its gate alone."""
+NOISY = 30.0
+"""Noise of single ranges of beacons over the sigma of their lasting errors beyond which it is doubted; 0.35 of measured
+ultra-wideband modules."""
 LEAST_ANGLE = 2.0
-"""Angle between two pseudolites as the antenna sees them, deg, below which the second adds no geometry."""
+"""Angle between two pseudolites, or beacons, as the antenna sees them, deg, below which the second adds no geometry."""
 UNDULATION_ERROR = 5.0
 """Difference of a geoid undulation from that of EGM96, m, beyond which it is doubted: other models are closer."""
 EXPOSURE = 150.0
@@ -52,9 +56,16 @@ def implausible(scenario: Landing, trajectory: Moving) -> list[str]:
 
 def _beacons(scenario: Landing) -> Iterator[str]:
     """Beacons with a filter that has no use for them, or no model of their outliers."""
-    section, kind = scenario.beacons, scenario.filter.kind
+    section, kind, too_small = scenario.beacons, scenario.filter.kind, (SIGMA_WITH_BEACONS, (CONSISTENT,))
     if section is None:
         return
+    lasting = math.hypot(section.bias_sigma_m, section.growth_sigma_m)
+    if section.sigma_m > NOISY * lasting > 0.0:
+        yield (
+            f"beacons.sigma_m: a noise of {section.sigma_m:g} m is {section.sigma_m / lasting:.0f} times what differs "
+            f"between beacons for long, {digits(lasting)} m (bias_sigma_m, growth_sigma_m); of measured modules it "
+            "is a third of that. Give metres, not centimetres"
+        )
     key = BEACON_UNVERIFIED.get(section.preset)
     if key is not None and getattr(section, key) == (value := BEACON_PRESETS[section.preset][key]):
         yield (
@@ -62,22 +73,25 @@ def _beacons(scenario: Landing) -> Iterator[str]:
             "nobody measured it; give the noise of your beacons"
         )
     if kind in ("first-estimates", "observability-constrained"):
-        yield (
+        yield Note(
             f"filter.kind: {kind} takes every correction by a beacon for a change of specific force, which would show "
-            "heading: its sigma of heading is far too small with beacons; write eskf or gaussian-sum"
+            "heading: its sigma of heading is far too small with beacons; write eskf or gaussian-sum",
+            *too_small,
         )
     share = section.outlier_share + section.long_share
     if scenario.filter.beacons.outliers == "mixture":
         return
     if share > 0.0 and scenario.filter.gate.probability == 0.0:
-        yield (
+        yield Note(
             f"filter.gate.probability: 0 is no gate, and {digits(share)} of the ranges of the beacons are outliers, "
-            "which the filter takes for noise; write 1e-4"
+            "which the filter takes for noise; write 1e-4",
+            *too_small,
         )
     elif share > MANY_OUTLIERS:
-        yield (
+        yield Note(
             f"beacons: {digits(share)} of the ranges are outliers, against which the filter has its gate alone. Above "
-            f"{MANY_OUTLIERS:g} errors exceed its sigma; write filter.beacons.outliers: mixture"
+            f"{MANY_OUTLIERS:g} errors exceed its sigma; write filter.beacons.outliers: mixture",
+            *too_small,
         )
 
 
@@ -132,16 +146,26 @@ def _free_clocks(scenario: Landing) -> Iterator[str]:
 
 
 def one_direction(scenario: Landing, trajectory: Moving) -> list[str]:
-    """Warnings of pseudolites that the antenna sees in the direction of another one throughout the flight."""
-    if len(names := scenario.pseudolites.names()) < 2:
-        return []
+    """Warnings of pseudolites, and of beacons, that the antenna sees in the direction of another one throughout the
+    flight."""
+    frame, section = trajectory.frame, scenario.beacons
+    placed = [("pseudolites", scenario.pseudolites.names(), lambda: scenario.pseudolite_positions(frame))]
+    if section is not None:
+        placed.append(("beacons", section.names(), lambda: section.model(scenario).positions(frame)))
+    return [text for what, names, llh in placed if len(names) > 1
+            for text in _behind_each_other(scenario, trajectory, what, names, llh())]  # fmt: skip
+
+
+def _behind_each_other(
+    scenario: Landing, trajectory: Moving, what: str, names: Sequence[str], llh: np.ndarray
+) -> Iterator[str]:
+    """Of sources of one sort at (n, 3) rad, rad, m."""
     from navsim.gnss.signals import antenna_ecef
 
     motion = trajectory.motion(_times(scenario, trajectory, TOUCHDOWN))
-    sites = ecef_from_llh(scenario.pseudolite_positions(trajectory.frame))
+    sites = ecef_from_llh(llh)
     towards = sites - antenna_ecef(motion, np.array(scenario.receiver.lever_arm_m))[:, None]
     towards /= np.linalg.norm(towards, axis=2, keepdims=True)
-    out = []
     for j in range(1, len(sites)):
         across = np.linalg.norm(np.cross(towards[:, :j], towards[:, j, None]), axis=2)
         along = np.einsum("epk,ek->ep", towards[:, :j], towards[:, j])
@@ -149,12 +173,11 @@ def one_direction(scenario: Landing, trajectory: Moving) -> list[str]:
         i = int(np.argmin(apart))
         if apart[i] < LEAST_ANGLE:
             far = float(np.linalg.norm(sites[j] - sites[i]))
-            out.append(
-                f"pseudolites: {names[j]} is {far:.1f} m from {names[i]}, and the antenna sees both within "
+            yield (
+                f"{what}: {names[j]} is {far:.1f} m from {names[i]}, and the antenna sees both within "
                 f"{apart[i]:.1f} deg of each other throughout the flight. The second one adds no geometry; give "
                 f"{names[j]} a position on another side of the approach"
             )
-    return out
 
 
 def _times(scenario: Landing, trajectory: Moving, until: str) -> np.ndarray:

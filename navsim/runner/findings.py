@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.filter.records import NOT_USED, REJECTED
-from navsim.results.findings import CONSISTENT, FIX, Finding, several
+from navsim.results.findings import CONSISTENT, FIX, SIGMA_WITH_BEACONS, Finding, Note, several
 from navsim.results.result import Result
 from navsim.runner.consistency import StateVerdict
 from navsim.runner.statistics import poisson_exceedance
@@ -52,6 +52,7 @@ LANDING: dict[str, tuple[tuple[str, ...], str]] = {
         (CONSISTENT,),
         "the innovation gate rejected measurements of an aiding sensor",
     ),
+    SIGMA_WITH_BEACONS: ((CONSISTENT,), "the filter's sigma with these beacons is too small"),
     "silent_sensor": ((), "runs without any measurement of a sensor that measures along the route"),
     "clipped_samples": ((CONSISTENT,), "samples of inertial sensors are beyond their range and cut off"),
     "open_loop": ((CONSISTENT,), "trajectories are not those that guidance by the estimate gives"),
@@ -188,7 +189,8 @@ def open_loops(gap: np.ndarray, tolerance: float) -> list[Finding]:
 
 def notes(texts: Iterable[str]) -> list[Finding]:
     """Warnings about the input."""
-    return [Finding("input", text) for text in texts]
+    told = (text if isinstance(text, Note) else Note(text) for text in texts)
+    return [Finding(text.name, str(text), text.against) for text in told]
 
 
 def of_flight(result: Result, probability: float | None, withheld: np.ndarray | None = None) -> list[Finding]:

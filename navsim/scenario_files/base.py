@@ -441,13 +441,17 @@ _FOREIGN = re.compile(
 )
 """Suffixes of key names with units that users write."""
 
+_SAME = {("dbm", "dBW"): " (30 dBm is 0 dBW)", ("dbw", "dBm"): " (0 dBW is 30 dBm)"}
+"""One power in the units of two suffixes: the number cannot stay."""
+
 
 def _nearest_key(given: str, allowed: list[str]) -> str:
     """Suggested key: the same one with the existing unit, else a similar spelling."""
     for key in allowed:
         begins, unit = without_unit(key), unit_of(key)
         if unit and given.startswith(f"{begins}_") and _FOREIGN.fullmatch(given.removeprefix(f"{begins}_").lower()):
-            return f"did you mean '{key}', in {unit}? allowed: {', '.join(allowed)}"
+            same = _SAME.get((given.rpartition("_")[2].lower(), unit), "")
+            return f"did you mean '{key}', in {unit}{same}? allowed: {', '.join(allowed)}"
     return hint(given, allowed)
 
 

@@ -19,6 +19,7 @@ from navsim.formats.export_maps import write_kml
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.ranging_geometry import mirror_image
 from navsim.landing.beacons import second_order
+from navsim.landing.covariance import covariance_findings
 from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.optimization.problem import problem
 from navsim.optimization.report import tables
@@ -435,6 +436,8 @@ def test_curved_ranges_are_warned_of() -> None:
     assert longer == pytest.approx(off.mean(), rel=0.03)
     (said,) = (text for text in of.warnings if "as linear in the position error" in text)
     assert "of B1" in said
+    (kind,) = (f for f in covariance_findings(of, covariance_analysis(of)) if f.text == said)
+    assert (kind.name, kind.against) == ("sigma_with_beacons", ("consistent",))
     least = re.search(r"filter.beacons.sigma_m to ([\d.]+)", said)
     assert least
     more = case(*BRIEF, section("bias_sigma_m: 0.2", sites=sites),
@@ -450,7 +453,8 @@ def test_a_flat_layout_is_warned_of_and_shown(tmp_path: Any) -> None:
                   section(sites=flat), "--method", "covariance", "-o", path, "--figures", "none",
                   cwd=tmp_path)  # fmt: skip
     assert "beacons: they hardly show the height on the glide: VDOP" in done.stderr
-    assert re.search(r"mirror solution \d+ m below the aircraft where the glide begins", done.stderr)
+    assert re.search(r"mirror solution \d+ m below the aircraft where the glide begins.*\[beacons\]", done.stderr)
+    assert list(read(path)["/findings/finding"]).count("beacons") == 2
     assert "VDOP, beacons" in done.stdout
     result = read(path)
     most = re.search(r"VDOP up to ([\d.]+),", done.stderr)

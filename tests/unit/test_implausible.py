@@ -72,7 +72,20 @@ def test_beacons_that_the_filter_does_not_model(given: list[str], text: str) -> 
     every = checked(SCENARIOS / "beacons_uav.yaml", given)[2]
     warned = [found for found in every if "outliers" in found or "too small" in found]
     assert len(warned) == bool(text)
-    assert all(text in found for found in warned)
+    assert all(text in found and "consistent" in found.against for found in warned)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [("sigma_m=10", "beacons.sigma_m: a noise of 10 m is 71 times"),
+     ("sites.3={name: SE, s_m: -60, l1_m: 150, height_m: 2}", "beacons: SE is 0.0 m from NW, and"),
+     ("range_limit_m=5", "They reach 5 m, and the nearest passes at ")],
+)  # fmt: skip
+def test_beacons_that_nobody_has(given: str, text: str) -> None:
+    """One clear line each; beacons out of reach have no other."""
+    said = [each for each in checked(SCENARIOS / "beacons_uav.yaml", [f"beacons.{given}"])[2] if "beacons" in each]
+    assert [text in each for each in said].count(True) == 1
+    assert len(said) == 1 or "range_limit" not in given
 
 
 def test_covariance_analysis_and_runs_warn_of_them_too() -> None:
