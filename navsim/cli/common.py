@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def _warn(warning: str) -> None:
-    from navsim.results.findings import labelled
+    from navsim.results.notes import labelled
 
     print_message(f"warning: {labelled(warning)}")
 

@@ -28,7 +28,7 @@ def validate(
     set_: Annotated[list[str] | None, set_option("file")] = None,
 ) -> None:
     """Check a scenario, study or log and the files that it names."""
-    from navsim.results.findings import labelled
+    from navsim.results.notes import labelled
 
     right = True
     for scenario in scenarios:

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
 def warn(result: Result, name: str = "", known: Sequence[str] = ()) -> None:
     """Print the findings of a result. name: of the result, if there are several. known: findings already printed."""
-    from navsim.results.findings import labelled, of, several
+    from navsim.results.findings import of, several
+    from navsim.results.notes import labelled
 
     found = of(result)
     for one in found:

@@ -20,7 +20,7 @@ from navsim.gnss.ranging_geometry import (
     without_clock,
 )
 from navsim.gnss.sky import enu_matrix
-from navsim.results.findings import BEACONS, CONSISTENT, SIGMA_WITH_BEACONS, Note
+from navsim.results.notes import BEACONS, CONSISTENT, SIGMA_WITH_BEACONS, Note
 from navsim.sensors.beacons import Beacons
 from navsim.statistics.rounding import digits
 from navsim.trajectory.kinematics import Moving

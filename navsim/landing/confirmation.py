@@ -16,7 +16,8 @@ import numpy as np
 
 from navsim.results.builder import ResultBuilder
 from navsim.results.estimates import estimate
-from navsim.results.findings import CONSISTENT, Finding, of, several
+from navsim.results.findings import Finding, of, several
+from navsim.results.notes import CONSISTENT
 from navsim.results.result import Result
 from navsim.results.schema import FILTER_QUANTITIES, HEIGHTS, NOT_MET
 from navsim.runner.checkpoint import Arrays

@@ -24,7 +24,8 @@ from navsim.integrity.monitoring import ALARM
 from navsim.landing import fix_states, integrity, total_errors
 from navsim.landing.case import MOVING, Case, crossing_times, rms_window
 from navsim.landing.consistency import evaluate_states, ratios_of_runs
-from navsim.results.findings import FIX, Finding
+from navsim.results.findings import Finding
+from navsim.results.notes import FIX
 from navsim.runner import findings as judging
 from navsim.runner.batches import Ensemble
 from navsim.runner.batches import fly_all as fly_ensemble

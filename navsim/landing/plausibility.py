@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from navsim.geodesy.earth import ecef_from_llh
-from navsim.results.findings import CONSISTENT, SIGMA_WITH_BEACONS, Note
+from navsim.results.notes import CONSISTENT, SIGMA_WITH_BEACONS, Note
 from navsim.scenario.approach import PaperApproach, SmoothApproach, WaypointApproach
 from navsim.scenario.landing import Landing
 from navsim.scenario_files.presets import BEACON_PRESETS, BEACON_UNVERIFIED

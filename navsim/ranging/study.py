@@ -21,7 +21,8 @@ from navsim.ranging.recording import RangeLog, ReferenceTrack, read_log, read_re
 from navsim.ranging.scenario import RecordedRanges
 from navsim.ranging.start import AS_LIKELY, find_start, mirror_solution
 from navsim.results.builder import ResultBuilder
-from navsim.results.findings import CONSISTENT, FIX, Finding, kept
+from navsim.results.findings import Finding, kept
+from navsim.results.notes import CONSISTENT, FIX
 from navsim.results.result import Result
 from navsim.results.schema import RANGES
 from navsim.runner.attributes import root_attributes

@@ -16,7 +16,8 @@ from navsim.replays.motion import FASTEST_NEEDED
 from navsim.replays.reading import ReadLog
 from navsim.replays.recorded_flight import RecordedFlight
 from navsim.replays.scenario import Outage, Replay
-from navsim.results.findings import CONSISTENT, Finding
+from navsim.results.findings import Finding
+from navsim.results.notes import CONSISTENT
 from navsim.results.result import Result
 from navsim.runner.findings import DOUBTED, limit, notes, of_flight
 from navsim.scenario_files.base import DEG

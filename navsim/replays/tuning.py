@@ -19,7 +19,8 @@ from navsim.filter.records import REJECTED, TFG, USED
 from navsim.replays import flight as replay
 from navsim.replays.motion import in_motion, lag1_correlation
 from navsim.replays.recorded_flight import RecordedFlight
-from navsim.results.findings import CONSISTENT, Finding
+from navsim.results.findings import Finding
+from navsim.results.notes import CONSISTENT
 from navsim.scenario_files.base import FIX_LATENCIES
 from navsim.statistics.rounding import digits
 

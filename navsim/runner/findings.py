@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.filter.records import NOT_USED, REJECTED
-from navsim.results.findings import CONSISTENT, FIX, SIGMA_WITH_BEACONS, Finding, Note, several
+from navsim.results.findings import Finding, several
+from navsim.results.notes import CONSISTENT, FIX, SIGMA_WITH_BEACONS, Note
 from navsim.results.result import Result
 from navsim.runner.consistency import StateVerdict
 from navsim.runner.statistics import poisson_exceedance

@@ -21,7 +21,8 @@ class ExitRequirements:
 
 def unmet_requirements(result: Result, demands: ExitRequirements) -> list[str]:
     """Violated conditions, in words."""
-    from navsim.results.findings import CONSISTENT, FIX, of
+    from navsim.results.findings import of
+    from navsim.results.notes import CONSISTENT, FIX
 
     kinds = [kind for kind, asked in ((FIX, demands.fix), (CONSISTENT, demands.consistent)) if asked]
     wrong = [f"--require-{kind}: {found.text}" for kind in kinds for found in of(result) if kind in found.against]

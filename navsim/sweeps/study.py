@@ -41,7 +41,8 @@ from navsim.landing.study import (
     prepare,
 )
 from navsim.results.builder import ResultBuilder
-from navsim.results.findings import FIX, Finding, kept, of
+from navsim.results.findings import Finding, kept, of
+from navsim.results.notes import FIX
 from navsim.results.result import Result
 from navsim.results.schema import OUTCOMES, SWEEP, UNDECIDED, VERDICTS
 from navsim.runner.attributes import root_attributes

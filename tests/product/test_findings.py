@@ -14,7 +14,8 @@ from navsim.landing import study as landing
 from navsim.landing.ensemble import LandingStudy
 from navsim.optimization.problem import problem
 from navsim.optimization.scenario import Optimize
-from navsim.results.findings import CONSISTENT, FIX, Finding, kept, of
+from navsim.results.findings import Finding, kept, of
+from navsim.results.notes import CONSISTENT, FIX
 from navsim.results.result import Result, ResultError, Variable, read, write
 from navsim.runner import findings as judging
 from navsim.runner.batches import Batch, Ensemble

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from navsim.landing.confirmation import Candidate, Confirmation, Errors, FlownRequirements, OfRuns, confirm
-from navsim.results.findings import CONSISTENT
+from navsim.results.notes import CONSISTENT
 from navsim.results.schema import FILTER_QUANTITIES, MET, NOT_MET
 from navsim.runner.errors import BadInput
 from navsim.runner.job import Options

@@ -16,7 +16,8 @@ from navsim.companions.elevation.filter import Model, first_order, fly, follow, 
 from navsim.companions.elevation.scenario import SETTLING, Elevation
 from navsim.companions.kalman import covariance_sequence, driven_covariance, singer, singer_sigma, steady_state
 from navsim.results.builder import ResultBuilder
-from navsim.results.findings import CONSISTENT, Finding, kept
+from navsim.results.findings import Finding, kept
+from navsim.results.notes import CONSISTENT
 from navsim.results.result import Result
 from navsim.results.schema import ELEVATION
 from navsim.runner.attributes import root_attributes
