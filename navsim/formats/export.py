@@ -30,8 +30,8 @@ from navsim.gnss import timescales
 from navsim.gnss.constellations import glonass_broadcast, gps
 from navsim.gnss.constellations.constellation import Constellation, carriers
 from navsim.gnss.constellations.systems import BY_LETTER, GLONASS, System
+from navsim.results.heights import height_names
 from navsim.results.result import Result, ResultError, part, scenario_of, write_text
-from navsim.results.schema import HEIGHTS
 
 LONGEST = 30 * 86400.0
 """Longest flight, s."""
@@ -483,10 +483,11 @@ def _gates(result: Result, target: Path) -> dict[Path, str]:
     kinds = ("", "_fte", "_tse") if "/summary/at/lateral_fte_run" in result else ("",)
     named = [(axis, kind) for kind in kinds for axis in ("lateral", "along", "vertical")]
     axes = np.stack([result[f"/summary/at/{axis}{kind}_run"] for axis, kind in named], axis=-1)
+    heights = result["/summary/at/height"]
     rows = [
         [str(run), gate, _cell(height, 4), *(f"{x:.9g}" if np.isfinite(x) else "" for x in axes[r, h])]
         for r, run in enumerate(result["/run"])
-        for h, (gate, height) in enumerate(zip(HEIGHTS, result["/summary/at/height"], strict=True))
+        for h, (gate, height) in enumerate(zip(height_names(heights), heights, strict=True))
     ]
     head = ["run", "gate", "height_m", *(f"{kind[1:] or 'error'}_{axis}_m" for axis, kind in named)]
     return {target.with_name(f"{target.stem}_gates.csv"): _table(head, rows)}

@@ -15,7 +15,6 @@ from navsim.filter.design import FilterDesign, gate_limits
 from navsim.filter.estimate import FILTER_KINDS
 from navsim.filter.measurement_kinds import MAGNETIC, SOURCE
 from navsim.filter.states import Block
-from navsim.geodesy.earth import FOOT
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.fix_states import FIXED
 from navsim.gnss.interference.horizon import behind
@@ -23,8 +22,10 @@ from navsim.gnss.signals import Pseudolites, SignalScenario
 from navsim.landing.beacons import BeaconGeometry, beacon_geometry, curvature_warnings
 from navsim.landing.faults import watching
 from navsim.landing.preflight import PreflightChecks, modelled
+from navsim.results.heights import height_m
 from navsim.results.schema import HEIGHTS, RMS_WINDOW
 from navsim.scenario.landing import Landing
+from navsim.scenario.requirements import ErrorRequirement, singles
 from navsim.scenario.signals import ClockNoise
 from navsim.scenario_files.base import DEG
 from navsim.scenario_files.source import Document
@@ -377,8 +378,14 @@ def rms_window(case: Case) -> np.ndarray:
 
 
 def crossing_times(case: Case) -> list[float]:
-    """Times when the true height above the runway passes the decision heights, nan where it does not."""
-    return times_at_heights(case, [feet * FOOT for feet in HEIGHTS.values()])
+    """Times when the true height above the runway passes the evaluated heights, nan where it does not."""
+    return times_at_heights(case, list(evaluated_heights(case.scenario).values()))
+
+
+def evaluated_heights(scenario: Landing) -> dict[str, float]:
+    """Heights at which errors are evaluated, m, by name: `HEIGHTS`, then those that requirements add."""
+    asked = [one.at for _, one in singles(scenario.requirements) if isinstance(one, ErrorRequirement)]
+    return {name: height_m(name) for name in (*HEIGHTS, *asked)}
 
 
 def times_at_heights(case: Case, heights: Sequence[float]) -> list[float]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from navsim.filter import states
 from navsim.results.builder import ResultBuilder
 from navsim.results.estimates import estimate
 from navsim.results.findings import Finding, of, several
@@ -76,12 +77,13 @@ def put_requirements(
 
 class OfRuns(NamedTuple):
     """Results of runs of a choice: the filter's errors; the verdict on the sigmas of its states, and whether one is too
-    small; verdicts on the scenario's requirements."""
+    small; verdicts on the scenario's requirements; whether a sigma of position is too small."""
 
     errors: Errors
     verdict: str
     small: bool
     requirements: FlownRequirements = FlownRequirements()
+    small_position: bool = False
 
 
 Fly = Callable[[np.ndarray, int, int, int], OfRuns]
@@ -120,8 +122,11 @@ def fly_case(case: Case, seed: int, first: int, runs: int, executor: Executor) -
 def of_runs(found: Result) -> OfRuns:
     """Summary of a landing's runs from its result."""
     small = any(one.name == "sigma_of_state" for one in of(found))
-    verdict = str(found["/summary/consistency/verdict"])
-    return OfRuns(filter_outputs(found), verdict, small, FlownRequirements.of(found))
+    verdict, z = found.variables["/summary/consistency/verdict"], found.variables["/consistency/z"]
+    largest = np.fmax.reduce(found["/summary/consistency/worst_z"][states.SLICES["position"]])
+    band = float(z.attributes["band_low"]), float(z.attributes["band_high"])
+    of_position, _ = states.is_sigma_wrong(float(largest), 1.0, band, float(verdict.attributes["tolerance"]))
+    return OfRuns(filter_outputs(found), str(verdict.data), small, FlownRequirements.of(found), of_position)
 
 
 def interval_of(errors: Errors, name: str) -> np.ndarray:
@@ -151,9 +156,10 @@ class FlownChoice:
     errors: np.ndarray
     """(3, 3) by runs: rows objective, horizontal, vertical; columns value, low, high."""
     verdict: str
-    """As of `OfRuns`; so are the next two."""
+    """As of `OfRuns`; so are the next three."""
     small: bool
     requirements: FlownRequirements
+    small_position: bool = False
     missed: bool = False
     """Whether runs don't meet a requirement that the analysis meets."""
 
@@ -165,7 +171,12 @@ class FlownChoice:
     @property
     def is_contradicted(self) -> bool:
         """Whether its runs contradict the analysis."""
-        return self.is_worse or self.missed
+        return self.is_worse or self.is_excluded
+
+    @property
+    def is_excluded(self) -> bool:
+        """Whether its runs forbid it, whatever their errors are."""
+        return self.missed or self.small_position
 
 
 @dataclass(frozen=True)
@@ -184,6 +195,7 @@ class Confirmation:
             "choice": np.array([one.choice for one in every]), "analysed": np.array([one.analysed for one in every]),
             "errors": np.array([one.errors for one in every]), "runs": np.array(self.runs),
             "verdict": np.array([one.verdict for one in every]), "small": np.array([one.small for one in every]),
+            "small_position": np.array([one.small_position for one in every]),
             "missed": np.array([one.missed for one in every]),
             "requirement_value": np.array([one.requirements.value for one in every]),
             "requirement_verdict": np.array([one.requirements.verdict.astype(str) for one in every]),
@@ -194,10 +206,21 @@ class Confirmation:
     def of(arrays: Arrays) -> Confirmation:
         """Restore the object from `arrays`."""
         of_requirements = (f"requirement_{name}" for name in FlownRequirements._fields)
-        names = ("choice", "analysed", "errors", "verdict", "small", "missed", *of_requirements)
+        names = ("choice", "analysed", "errors", "verdict", "small", "small_position", "missed", *of_requirements)
         best, *rejected = (
-            FlownChoice(choice, float(value), errors, str(verdict), bool(small), FlownRequirements(*of), bool(missed))
-            for choice, value, errors, verdict, small, missed, *of in zip(*(arrays[n] for n in names), strict=True)
+            FlownChoice(
+                choice,
+                float(value),
+                errors,
+                str(verdict),
+                bool(small),
+                FlownRequirements(*of),
+                bool(sigma),
+                bool(missed),
+            )
+            for choice, value, errors, verdict, small, sigma, missed, *of in zip(
+                *(arrays[name] for name in names), strict=True
+            )
         )
         return Confirmation(best, tuple(rejected), int(arrays["runs"]))
 
@@ -206,7 +229,9 @@ class Confirmation:
         messages; label: makes the text of a choice."""
         out = []
         for one in self.rejected:
-            why = self._both(one) if one.is_worse else f"{several(self.runs, 'run')} don't meet its requirements"
+            runs = several(self.runs, "run")
+            why = f"{runs} don't meet its requirements" if one.missed else f"in {runs} a σ of position is too small"
+            why = self._both(one) if one.is_worse else why
             text = f"{whose}: {label(one.choice)} is rejected: {why}"
             out.append(Finding("rejected_choice", text))
         if self.best.is_worse:
@@ -246,7 +271,9 @@ def confirm(
         rows = np.array([first, *(interval_of(found.errors, name) for name in _PARTS)])
         known = analysed if of_filter else math.nan
         missed = met is not None and bool((found.requirements.verdict[met] == NOT_MET).any())
-        return FlownChoice(choice, known, rows, found.verdict, found.small, found.requirements, missed)
+        return FlownChoice(
+            choice, known, rows, found.verdict, found.small, found.requirements, found.small_position, missed
+        )
 
     def size(one: FlownChoice) -> float:
         return float(one.errors[0, 0]) if np.isfinite(one.errors[0, 0]) else math.inf
@@ -254,12 +281,12 @@ def confirm(
     for candidate in candidates:
         if (found := candidate()) is None:
             continue
-        if any(found[1] >= one.errors[0, 0] for one in tried if not one.missed):
+        if any(found[1] >= one.errors[0, 0] for one in tried if not one.is_excluded):
             break
         tried.append(flown(*found, len(tried)))
         if not tried[-1].is_contradicted:
             break
-    best = min([one for one in tried if not one.missed] or tried, key=size)
+    best = min([one for one in tried if not one.is_excluded] or tried, key=size)
     if not tried[-1].is_contradicted and best.errors[0, 2] >= tried[-1].errors[0, 1]:
         best = tried[-1]
     rejected = tuple(one for one in tried if one is not best and one.is_contradicted)

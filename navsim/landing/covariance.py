@@ -209,6 +209,7 @@ def _summary(draft: ResultBuilder, case: Case, analysis: Analysis, square: np.nd
 
     accuracy(
         draft,
+        case,
         _exact(np.sqrt(late.sum(axis=0)[: states.SENSORS])),
         _exact(np.sqrt(late_rpy(square_of_all))),
         _exact(np.sqrt(late[:, :2].sum())),

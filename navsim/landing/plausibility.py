@@ -41,6 +41,8 @@ UNDULATION_ERROR = 5.0
 """Difference of a geoid undulation from that of EGM96, m, beyond which it is doubted: other models are closer."""
 EXPOSURE = 150.0
 """Time, s, of an approach to LPV minima that levels are for; errors that last as long occur once."""
+_LEAST_CLOCK_NS = 1e-3
+"""Error of a pseudolite's clock, ns, below which its unit is doubted: 0.3 mm."""
 _STEP = 0.5
 """Between times of the flight that are looked at, s."""
 
@@ -50,7 +52,7 @@ def implausible(scenario: Landing, trajectory: Moving) -> list[str]:
     return [
         *_lever_arms(scenario), *_drifts(scenario), *_speeds(scenario), *_wind(scenario, trajectory),
         *_undulation(scenario, trajectory), *_free_clocks(scenario), *_beacons(scenario), *_repeated_noise(scenario),
-        *_errors_beyond_levels(scenario),
+        *_errors_beyond_levels(scenario), *_clock_in_seconds(scenario),
     ]  # fmt: skip
 
 
@@ -123,6 +125,16 @@ def _errors_beyond_levels(scenario: Landing) -> Iterator[str]:
         yield (
             f"integrity: no level contains the errors of {' and '.join(last)}, so the levels are too low. Declare "
             "their size by signals.errors instead, which levels of mhss contain"
+        )
+
+
+def _clock_in_seconds(scenario: Landing) -> Iterator[str]:
+    """A clock error of pseudolites that is probably in seconds."""
+    size = scenario.pseudolites.clock_sigma_ns
+    if 0.0 < size < _LEAST_CLOCK_NS and scenario.pseudolites.placed():
+        yield (
+            f"pseudolites.clock_sigma_ns: {size:g} ns are {digits(0.3 * size)} m, which no clock keeps; the key is in "
+            "nanoseconds: did you mean seconds?"
         )
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.integrity.monitoring import LandingMonitor, Monitoring, tested_levels, threshold_by_faults, vertical_sigma
-from navsim.landing.case import Case, crossing_times, touches_down
+from navsim.landing.case import Case, crossing_times, evaluated_heights, touches_down
 from navsim.landing.integrity import (
     approach_limits,
     excludes,
@@ -25,7 +25,8 @@ from navsim.landing.integrity import (
 )
 from navsim.landing.total_errors import runs_beyond
 from navsim.results.builder import ResultBuilder
-from navsim.results.schema import COVARIANCE, HEIGHTS, MET, NOT_MET, RARE, UNDECIDED
+from navsim.results.heights import spoken_height
+from navsim.results.schema import COVARIANCE, MET, NOT_MET, RARE, UNDECIDED
 from navsim.runner.statistics import rms_interval_of_means, share_interval
 from navsim.scenario.landing import Landing
 from navsim.scenario.requirements import (
@@ -221,7 +222,7 @@ def _found(one: AnySingle, draft: ResultBuilder, case: Case, runs: int, moments:
     if draft.layout == COVARIANCE and is_kept_from_faults(case):
         return nothing
     if isinstance(one, ErrorRequirement):
-        return _of_error(one, nothing, draft, crossing_times(case), moments)
+        return _of_error(one, nothing, draft, case, moments)
     if isinstance(one, RmsRequirement):
         return _of_rms(one, nothing, draft, runs) if touches_down(case) else nothing
     if draft.layout == COVARIANCE:
@@ -244,7 +245,9 @@ def _by_control(one: AnySingle, plain: RequirementValue, controls: Controls, run
     if isinstance(one, BoxRequirement):
         found = controls.outside()
     elif isinstance(one, ErrorRequirement):
-        found = controls.at_heights()[_AXES.index(one.of)][list(HEIGHTS).index(one.at)].share_below(one.below_m)
+        found = controls.at_heights()[_AXES.index(one.of)][
+            list(evaluated_heights(controls.case.scenario)).index(one.at)
+        ].share_below(one.below_m)
     elif isinstance(one, RmsRequirement):
         found = controls.rms(one.of)
     else:
@@ -257,7 +260,7 @@ def _by_control(one: AnySingle, plain: RequirementValue, controls: Controls, run
 def _statement(one: AnySingle) -> tuple[str, float, bool]:
     """A requirement in words, its limit, and whether it is a lower limit."""
     if isinstance(one, ErrorRequirement):
-        height = one.at.replace("ft", " ft")
+        height = spoken_height(one.at)
         return f"{one.of} error at {height} below {one.below_m:g} m in {100 * one.share:g} % of runs", one.share, True
     if isinstance(one, RmsRequirement):
         return f"{one.of} RMS error before touchdown below {one.below_m:g} m", one.below_m, False
@@ -321,11 +324,10 @@ def _of_error(
     one: ErrorRequirement,
     nothing: RequirementValue,
     draft: ResultBuilder,
-    when: Sequence[float],
+    case: Case,
     moments: Moments | None,
 ) -> RequirementValue:
-    """when: times (h,), s, at which the route passes the heights."""
-    height, axis = list(HEIGHTS).index(one.at), _AXES.index(one.of)
+    height, axis = list(evaluated_heights(case.scenario)).index(one.at), _AXES.index(one.of)
     if draft.layout == COVARIANCE:
         mean, sigma = (math.nan, math.nan) if moments is None else (float(moment[height, axis]) for moment in moments)
         if not math.isfinite(sigma):
@@ -336,7 +338,7 @@ def _of_error(
         )
     error = draft[f"/summary/at/{one.of}_run"][:, height]
     if "/summary/go_around/time_run" in draft:  # of the runs that still land
-        error = error[~(draft["/summary/go_around/time_run"] < when[height])]
+        error = error[~(draft["/summary/go_around/time_run"] < crossing_times(case)[height])]
     if np.isnan(error).all():  # the height is not passed
         return nothing
     return _counted(nothing, int((np.abs(error) < one.below_m).sum()), error.size)

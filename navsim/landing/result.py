@@ -201,6 +201,7 @@ def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
 
     accuracy(
         draft,
+        case,
         each(ensemble.mean("mean_square")[: states.SENSORS]),
         each(ensemble.mean("rpy_square")),
         rms_interval(squares[:, :2]),

@@ -8,13 +8,13 @@ import numpy as np
 
 from navsim.environment.sources import on_glide
 from navsim.filter import states
-from navsim.geodesy.earth import FOOT, ned_matrix
+from navsim.geodesy.earth import ned_matrix
 from navsim.gnss import timescales
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.interference.horizon import skyline_elevation
-from navsim.landing.case import Case, crossing_times
+from navsim.landing.case import Case, crossing_times, evaluated_heights
 from navsim.results.builder import ResultBuilder
-from navsim.results.schema import COVARIANCE, HEIGHTS, SKY_TIMES, SKYLINE
+from navsim.results.schema import COVARIANCE, SKY_TIMES, SKYLINE
 from navsim.runner.attributes import root_attributes
 from navsim.scenario.approach import TrackApproach
 from navsim.sensors.ground_stations import GroundStation
@@ -209,6 +209,7 @@ def _statistics(values: np.ndarray) -> np.ndarray:
 
 def accuracy(
     draft: ResultBuilder,
+    case: Case,
     rms: np.ndarray,
     rpy: np.ndarray,
     horizontal: np.ndarray,
@@ -219,14 +220,14 @@ def accuracy(
 
     - `rms` (9, 3): position, velocity, attitude; `rpy` (3, 3): roll, pitch, yaw.
     - `horizontal`, `vertical` (3,): position.
-    - `at` (3, h, 3): lateral, along, vertical at the decision heights.
+    - `at` (3, h, 3): lateral, along, vertical at the evaluated heights.
     """
     for name, part in (("position_ned", "position"), ("velocity_ned", "velocity"), ("attitude", "attitude")):
         draft[f"/summary/rms/{name}"] = rms[states.SLICES[part]]
     draft["/summary/rms/attitude_rpy"] = rpy
     draft["/summary/rms/horizontal"] = horizontal
     draft["/summary/rms/vertical"] = vertical
-    draft["/summary/at/height"] = np.array(list(HEIGHTS.values())) * FOOT
+    draft["/summary/at/height"] = np.array(list(evaluated_heights(case.scenario).values()))
     for i, name in enumerate(("lateral", "along", "vertical")):
         draft[f"/summary/at/{name}"] = at[i]
 

@@ -16,7 +16,7 @@ from navsim.report.view import View, one_by_one
 from navsim.results.findings import several
 from navsim.results.result import Result, scenario_of
 from navsim.results.schema import FILTER_QUANTITIES, LARGE
-from navsim.statistics.rounding import digits
+from navsim.statistics.rounding import digits, share_digits
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -211,7 +211,7 @@ def _fulfilled(statement: str, verdict: str, value: float, utilisation: float) -
     if np.isnan(value):
         return cell("{}", verdict)
     share = SHARE.search(statement) is not None
-    value, shown = (100.0 * value, "{}: {:g} %") if share else (value, "{}: {:.4g}")
+    value, shown = (100.0 * value, f"{{}}: {{:.{share_digits(100.0 * value)}g}} %") if share else (value, "{}: {:.4g}")
     if not np.isfinite(utilisation):
         return cell(shown, verdict, value, names=("verdict", "found"))
     margin = 100.0 * (1.0 - utilisation)

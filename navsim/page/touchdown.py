@@ -36,6 +36,7 @@ from navsim.report.figure_data import (
 )
 from navsim.report.limits import required_limits
 from navsim.report.result_cells import known_percentiles, runs_of, single
+from navsim.results.heights import spoken_height
 from navsim.results.result import Result
 from navsim.results.schema import HEIGHTS, INDICATED
 
@@ -53,10 +54,14 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
         return None
     column, where, height = 0, "touchdown", "touchdown"
     boxed = [float(r["/summary/box/height"]) for _, _, r in kept if "/summary/box/height" in r]
-    near = [k for k, at in enumerate(kept[0][2]["/summary/at/height"]) if boxed and abs(at - boxed[0]) < 0.01]
+    near = [
+        k
+        for k, at in enumerate(kept[0][2]["/summary/at/height"][: len(HEIGHTS)])
+        if boxed and abs(at - boxed[0]) < 0.01
+    ]
     if near:
         column, height = near[0], list(HEIGHTS)[near[0]]
-        where = height.replace("ft", " ft")
+        where = spoken_height(height)
     judged = len(set(boxed)) == 1 and all("/summary/box/error_run" in r for _, _, r in kept)
     if judged and not near:
         where = height = f"{boxed[0]:g} m above the runway"

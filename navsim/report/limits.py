@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from navsim.geodesy.earth import FOOT
 from navsim.report.figure_data import come_down, event_time, touchdown
+from navsim.results.heights import height_m
 from navsim.results.result import Result
-from navsim.results.schema import HEIGHTS, RMS_WINDOW
+from navsim.results.schema import RMS_WINDOW
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,21 +57,16 @@ def glide(result: Result) -> tuple[float, float]:
 
 
 def passes(result: Result, height: str) -> float:
-    """Last time at which the aircraft descends through one of `HEIGHTS`, s; nan if it does not."""
-    if not HEIGHTS[height]:
+    """Last time at which the aircraft descends through a height, s; nan if it does not."""
+    if not height_m(height):
         return touchdown(result)
     time = result["/truth/time"]
-    above = result["/truth/position_llh"][:, 2] - result["/truth/threshold_llh"][2] - FOOT * HEIGHTS[height]
+    above = result["/truth/position_llh"][:, 2] - result["/truth/threshold_llh"][2] - height_m(height)
     down = np.flatnonzero((above[:-1] >= 0.0) & (above[1:] < 0.0))
     if not down.size:
         return math.nan
     i = int(down[-1])
     return float(np.interp(0.0, -above[i : i + 2], time[i : i + 2]))
-
-
-def spoken(height: str) -> str:
-    """A height in words."""
-    return height.replace("ft", " ft")
 
 
 def level_lines(ax: Axes, result: Result, level: str) -> None:

@@ -12,6 +12,7 @@ from navsim.report.consistency_rows import VERDICT, state_verdict
 from navsim.report.result_cells import setting, single
 from navsim.report.table import ABSENT, Cell, Table, cell
 from navsim.results.result import Result
+from navsim.statistics.rounding import share_digits
 
 _MONITORED = {
     "level", "emt", "accuracy", "availability", "approaches", "continuity", "misleading", "time_to_alert",
@@ -35,7 +36,7 @@ def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
         return
     table.head("Requirements", *(_found(result) for _, result in results))
     if _MONITORED & {str(what) for result in asked if f"{branch}/what" in result for what in result[f"{branch}/what"]}:
-        table.add("  levels, alarms and risks are those of", *(_monitored(result) for _, result in results))
+        table.add("  levels, accuracy, alarms and risks are those of", *(_monitored(result) for _, result in results))
     for statement in dict.fromkeys(str(text) for result in asked for text in result[f"{branch}/statement"]):
         table.add(f"  {statement}", *(_verdict(result, statement) for _, result in results))
         plain = [_verdict(result, statement, "plain_") for _, result in results]
@@ -46,8 +47,8 @@ def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
 def _found(result: Result) -> str:
     """What the cells of a result's verdicts contain. Covariance analysis has neither intervals nor runs."""
     if str(result.attributes["method"]) == "covariance":
-        return "verdict: found"
-    return f"verdict: found{'' if single(result) else ' [95 %]'}; number of runs for a decision"
+        return "verdict: value"
+    return f"verdict: value{'' if single(result) else ' [95 %]'}; further runs that would decide"
 
 
 def verdicts(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
@@ -91,10 +92,12 @@ def verdict_cell(
         return cell(f"{{}}: {why}", word)
     number = f"{more:.2g}".replace("e+0", "e") if more >= 1e5 else f"{more:.0f}"
     enough = f"; {number} more run{'' if number == '1' else 's'}" if np.isfinite(more) else ""
-    shown = f"{{}}: {{:g}} % of {share[1]}" if share else "{}: {:.4g}"
+    what = "landings" if share and share[1] == "runs" and method == "covariance" else share and share[1]
+    shown = f"{{}}: {{:.{share_digits(value)}g}} % of {what}" if share else "{}: {:.4g}"
     if low == high or np.isnan(low) or one_run:
         return cell(shown + enough, word, value, names=("verdict", "found"))
-    exact = share and not 0.1 < low < high < 99.9  # nines count
-    ends = "  [{:g}, {:g}]" if exact else "  [{:.4g}, {:.4g}]"
+    ends = "  [{:.4g}, {:.4g}]"
+    if share:
+        ends = f"  [{{:.{share_digits(low)}g}}, {{:.{share_digits(high)}g}}]"
     return cell(shown + ends + enough, word, value, low, high,
                 names=("verdict", "found", "found, low", "found, high"))  # fmt: skip

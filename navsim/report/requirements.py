@@ -10,19 +10,17 @@ import numpy as np
 from navsim.report.box_rows import box_limits, of_total, outside_box
 from navsim.report.figure_data import MOST_RUNS, blocks, settled, touchdown
 from navsim.report.figures import legend_below, view_from_above
-from navsim.report.limits import REQUIRED, glide, rectangle, required_limits, rms_lines, spoken, word
+from navsim.report.limits import REQUIRED, glide, rectangle, required_limits, rms_lines, word
 from navsim.report.printing import COLOURS, COLUMN, abreast, narrow, new_figure
 from navsim.report.result_cells import known_percentiles, runs_of, single
+from navsim.results.heights import height_m, height_names, spoken_height
 from navsim.results.result import Result
-from navsim.results.schema import HEIGHTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _ERROR, _OUTSIDE, _BELIEVED = COLOURS[0], COLOURS[1], COLOURS[1]
-_ALONG_TRACK = tuple(reversed(HEIGHTS))
-"""Heights in the order in which they are passed."""
 _SPREAD = 0.28
 """Half the width over which runs at one height are spread."""
 _MOST_POINTS = 2000
@@ -104,14 +102,16 @@ def _curves(result: Result, states: list[int]) -> tuple[np.ndarray, np.ndarray]:
 
 def _at_heights(ax: Axes, result: Result, axis: str) -> None:
     """Errors of runs at the evaluated heights, the size that 95 % of them keep, and the limits."""
-    reach = max(_found_at(ax, result, axis, i, i == 0) for i in range(len(HEIGHTS)))
+    names = height_names(result["/summary/at/height"])
+    passed = sorted(names, key=height_m, reverse=True)
+    reach = max(_found_at(ax, result, axis, (i, passed.index(name))) for i, name in enumerate(names))
     beyond: list[tuple[int, str]] = []
     limits = [one for one in required_limits(result, "error") if one.of == axis]
     sizes = [one.size for one in limits]
     # a far wider range would compress the values
     sight = _WIDEST * (reach if reach > 0.0 else min(sizes, default=1.0))
     for one in limits:
-        x = _ALONG_TRACK.index(one.at)
+        x = passed.index(one.at)
         if one.size > sight:
             beyond.append((x, f"↑ ±{one.size:g} m\n{100.0 * one.limit:g} %"))
             continue
@@ -119,8 +119,8 @@ def _at_heights(ax: Axes, result: Result, axis: str) -> None:
             ax.plot([x - 0.42, x + 0.42], [side, side], color=REQUIRED, lw=1.6, solid_capstyle="butt")
         word(ax, f"{100.0 * one.limit:g} %", (x, one.size), (0.0, 2.0), ha="center", va="bottom")
         reach = max(reach, one.size)
-    ax.set_xticks(range(len(_ALONG_TRACK)), [spoken(h).replace("touchdown", "touch-\ndown") for h in _ALONG_TRACK])
-    ax.set_xlim(-0.5, len(_ALONG_TRACK) - 0.5)
+    ax.set_xticks(range(len(passed)), [spoken_height(h).replace("touchdown", "touch-\ndown") for h in passed])
+    ax.set_xlim(-0.5, len(passed) - 0.5)
     ax.set_ylim(-1.3 * reach or -1.0, 1.3 * reach or 1.0)
     for x, text in beyond:
         word(ax, text, (x, 1.3 * reach or 1.0), (0.0, -1.0), ha="center", va="top")
@@ -129,9 +129,11 @@ def _at_heights(ax: Axes, result: Result, axis: str) -> None:
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
 
 
-def _found_at(ax: Axes, result: Result, axis: str, i: int, named: bool) -> float:
-    """Value at one of `HEIGHTS`, and its size, m; named: for the legend."""
-    x, reach = _ALONG_TRACK.index(tuple(HEIGHTS)[i]), 0.0
+def _found_at(ax: Axes, result: Result, axis: str, at: tuple[int, int]) -> float:
+    """Draw the value at a height; returns its size, m. at: number of the height, which is 0 for that of the legend,
+    and its place across the page."""
+    (i, x), reach = at, 0.0
+    named = i == 0
     if f"/summary/at/{axis}_run" in result:
         found = result[f"/summary/at/{axis}_run"][:, i]
         found = found[:: math.ceil(found.size / _MOST_POINTS)]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from navsim.report.table import ABSENT, Cell, cell
+from navsim.results.heights import height_names, spoken_height
 from navsim.results.result import Result, scenario_of
 from navsim.results.schema import HEIGHTS
 
@@ -68,9 +69,11 @@ def error_at(result: Result, name: str, i: int) -> Cell:
 
 
 def heights_of(results: Sequence[Result]) -> dict[int, str]:
-    """Titles of the heights that any of the results passes, by their index."""
+    """Titles of the heights that any of the results passes, by their index; without those that not all have."""
     found = [result["/summary/at/lateral"] for result in results]
-    return {i: name.replace("ft", " ft") for i, name in enumerate(HEIGHTS)
+    each = {tuple(height_names(result["/summary/at/height"])) for result in results}
+    names = each.pop() if len(each) == 1 else tuple(HEIGHTS)
+    return {i: spoken_height(name) for i, name in enumerate(names)
             if any(np.isfinite(each[i]).any() for each in found)}  # fmt: skip
 
 

@@ -323,7 +323,9 @@ def summary_table(results: list[tuple[str, Result]], every_source: bool = False)
     controlled_rows(table, results)
 
     def levels(result: Result) -> str:
-        return "" if single(result) else "  ".join(f"{p} %" for p in result["/summary/percentile"]) + " of runs below"
+        whose = "landings" if result.attributes["method"] == "covariance" else "runs"
+        each = "  ".join(f"{p} %" for p in result["/summary/percentile"])
+        return "" if single(result) else f"{each} of {whose} below"
 
     if not all(single(r) for _, r in results):
         section("Size of the position error, m", levels)

@@ -156,7 +156,7 @@ SKY_TIMES = 25
 """Largest number of times at which the directions to all sources are kept."""
 SKYLINE = 721
 """Number of azimuths of a skyline."""
-_HEIGHTS = ", ".join(HEIGHTS).replace("ft", " ft")
+_HEIGHTS = ", ".join(HEIGHTS).replace("ft", " ft") + ", then those of `requirements`"
 RUNWAY_AXES = ("lateral", "along", "vertical")
 """Axes of the runway: to the right, along the landing, up."""
 _BAND = ("band_low", "band_high", "degrees_of_freedom")

@@ -195,7 +195,7 @@ class BeaconsSection(AidingSection):
         if self.clock is None and landing.filter.beacons.clock is not None:
             raise reject("two-way ranges have no clock; give beacons.clock, too", "filter", "beacons", "clock")
         if landing.watches_filter and self.air is not None and self.air.refractivity_sigma_n:
-            text = "lasts, and the filter's levels take errors for independent in time; use 0"
+            text = "lasts, and levels of integrity.method filter treat errors as independent in time; use 0"
             raise reject(text, "beacons", "air", "refractivity_sigma_n")
         self._check_events(landing)
         self._check_jammers(landing)

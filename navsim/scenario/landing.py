@@ -339,13 +339,13 @@ class Landing(Section):
         """Check the filter's handling of time-correlated errors."""
         watched = self.watches_filter
         drawn = self.pseudolites.drawn
-        lasts = "lasts, and the filter's levels take errors for independent in time"
+        lasts = "is not possible with {}, which lasts: its levels treat errors as independent in time; use {}mhss"
         if watched and drawn:
-            none = "leave it out" if drawn[0] == "clock_noise" else "use 0"
-            raise reject(f"{lasts}; {none}, or integrity.method mhss", "pseudolites", drawn[0])
+            raise reject(lasts.format(f"pseudolites.{drawn[0]}", ""), "integrity", "method")
         for name, section in self.aiding_sections().items() if watched else ():
             if key := section.error_without_state(self):
-                raise reject(f"{lasts}; use 0, or filter.{name}.errors: states", name, key)
+                way = f"filter.{name}.errors: states, or "
+                raise reject(lasts.format(f"{name}.{key}", way), "integrity", "method")
         if not self.signals.errors.models():
             reflected = self.pseudolites.multipath is not None and self.pseudolites.placed()
             if self.filter.fix_errors == "states" and reflected:
@@ -359,7 +359,7 @@ class Landing(Section):
             text = "after an exclusion fixes have other errors than those that the states follow; use inflate"
             raise reject(text, "filter", "fix_errors")
         if watched and not (self.filter.tight and self.about_correlated_errors() == "inflate"):
-            text = "levels of the filter take errors of fixes for independent in time; use mhss"
+            text = "levels of the filter treat errors of fixes as independent in time; use mhss"
             also = ", or `coupling: tight` with `fix_errors: inflate`"
             raise reject(text + also, "integrity", "method")
 

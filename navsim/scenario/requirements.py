@@ -8,14 +8,13 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.integrity import OPERATIONS, IntegritySection, LimitsSection, Operation
-from navsim.scenario_files.base import Section, reject
+from navsim.scenario_files.base import HeightName, Section, reject
 
 Share = Annotated[float, Field(gt=0.0, lt=1.0)]
 """Required fraction of runs, or of epochs."""
 Risk = Annotated[float, Field(ge=1e-12, le=0.5)]
 """A probability that is allowed."""
 Length = Annotated[float, Field(ge=1e-3, le=1e6)]
-Height = Literal["touchdown", "50ft", "100ft", "200ft"]
 
 
 class RequirementSection(Section):
@@ -36,8 +35,8 @@ class ErrorRequirement(RequirementSection):
     """filter error at a height"""
     of: Literal["lateral", "along", "vertical"]
     """axis of the runway"""
-    at: Height = "touchdown"
-    """height above the runway at which the error is evaluated"""
+    at: HeightName = "touchdown"
+    """height of the IMU's position above the runway at which the error is evaluated, such as 100ft or 30m"""
     below_m: Length
     """size that the error stays below"""
     share: Share = 0.95

@@ -36,15 +36,20 @@ _FORMS = {
     r"^[0-9a-f]{64}$": "64 hexadecimal digits in small letters",
     r"^[A-Za-z0-9_-]{1,16}$": "1 to 16 of the letters A to Z and a to z, digits, - and _",
     r"^[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*$": "a key: names with dots between them",
+    r"^(touchdown|50ft|100ft|200ft|(0|[1-9][0-9]{0,3})(\.[0-9]?[1-9])?m)$": (
+        "touchdown, 50ft, 100ft, 200ft, or any height in metres such as 30m or 30.5m"
+    ),
 }
 """Forms of texts, with their names."""
-_SHA, _NAME, _DOTTED = _FORMS
+_SHA, _NAME, _DOTTED, _HEIGHT = _FORMS
 Checksum = Annotated[str, Field(pattern=_SHA)]
 """SHA-256 of a file."""
 SourceName = Annotated[str, Field(pattern=_NAME)]
 """Name of a source of signals on the ground."""
 Dotted = Annotated[str, Field(pattern=_DOTTED)]
 """Key of a scenario."""
+HeightName = Annotated[str, Field(pattern=_HEIGHT)]
+"""Height above the runway at which errors are evaluated."""
 
 
 def one_or_more(item: Any) -> BeforeValidator:

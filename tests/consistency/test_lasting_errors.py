@@ -81,8 +81,8 @@ def test_presets_give_what_is_left_out() -> None:
         ((OPEN, "integrity={method: filter}", "filter.fix_errors=none"), "integrity.method"),
         ((OPEN, "integrity={method: filter}", "filter.coupling=tight", "filter.fix_errors=none"), "integrity.method"),
         (("signals.errors.ionosphere={sigma_m: 1}",), "correlation_time_s"),
-        (("integrity={method: filter}", "pseudolites.survey_sigma_m=0.1"), "pseudolites.survey_sigma_m: lasts"),
-        (("integrity={method: filter}", "pseudolites.clock_noise={h0: 1e-22, h_minus2: 0}"), "clock_noise: lasts"),
+        (("integrity={method: filter}", "pseudolites.survey_sigma_m=0.1"), "not possible with pseudolites.survey"),
+        (("integrity={method: filter}", "pseudolites.clock_noise={h0: 1e-22, h_minus2: 0}"), "pseudolites.clock_n"),
         (("integrity={method: filter}", "filter.coupling=tight", "pseudolites.clock_sigma_ns=1"), "clock_sigma_ns"),
     ],
 )

@@ -89,6 +89,7 @@ ALL: list[dict[str, Any]] = [
     {"what": "misleading", "at_most": 1e-6},
     {"what": "time_to_alert", "within_s": 2},
     {"what": "preset", "operation": "APV-I"},
+    {"what": "error", "of": "lateral", "at": "30.48m", "below_m": 0.6, "share": 0.5},
 ]
 
 
@@ -107,7 +108,7 @@ def test_runs_are_judged(tmp_path: Path) -> None:
     np.testing.assert_array_equal(values[7], result["/summary/integrity/hmi"])
     assert verdicts[:10] == [MET, MET, MET, MET, NOT_MET, MET, NOT_MET, UNDECIDED, UNDECIDED, MET]
     statements = [str(text) for text in result[f"{branch}/statement"]]
-    assert statements[9:] == [
+    assert statements[9:14] == [
         f"APV-I: {text}"
         for text in (
             "HPL within 40 m at 99 % of epochs of the glide",
@@ -118,8 +119,10 @@ def test_runs_are_judged(tmp_path: Path) -> None:
         )
     ]
     np.testing.assert_array_equal(values[11], 1.0)
-    assert np.isnan(values[12:]).all()  # counted by other limits than those of APV-I
-    assert verdicts[11:] == [MET, UNDECIDED, UNDECIDED]
+    assert np.isnan(values[12:14]).all()  # counted by other limits than those of APV-I
+    assert verdicts[11:14] == [MET, UNDECIDED, UNDECIDED]
+    np.testing.assert_array_equal(values[14], values[0], "100 ft in metres")
+    assert statements[14] == "lateral error at 30.48 m below 0.6 m in 50 % of runs"
     assert "requirements[9]: levels are not those of APV-I, which allows a risk of 2e-07 an approach" in said
     assert "requirements[9]: continuity and hazardously misleading information are counted by integrity.limits" in said
     assert float(result[f"{branch}/more_runs"][7]) == pytest.approx(-np.log(0.025) / 1e-6, rel=0.02)
@@ -390,5 +393,5 @@ def test_without_a_level_nothing_misleads_and_nothing_is_shown(tmp_path: Path) -
     assert np.isnan(result["/summary/integrity/hmi"]).all()
     (line,) = (each for each in said.splitlines() if each.strip().startswith("hazardously misleading information  "))
     assert line.split()[-1] == "-"
-    assert "levels, alarms and risks are those of" in said
+    assert "levels, accuracy, alarms and risks are those of" in said
     assert "undecided: no run or epoch counts" in said

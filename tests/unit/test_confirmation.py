@@ -24,10 +24,15 @@ def errors(value: float) -> Errors:
 
 
 def confirmed(
-    analysed: list[float], flown: list[float], small: bool = False, missing: int = 0, objective: str = "vertical"
+    analysed: list[float],
+    flown: list[float],
+    small: bool = False,
+    missing: int = 0,
+    objective: str = "vertical",
+    misplaced: int = 0,
 ) -> tuple[Confirmation, list[tuple[int, int]]]:
     """What comes of candidates, and which of them was flown from which run on. small: whether runs object to sigma;
-    missing: how many of the candidates miss a requirement in runs."""
+    missing, misplaced: how many of the candidates miss a requirement in runs, or have too small a sigma of position."""
     calls, met = [], np.array([True, False])
 
     def fly(choice: np.ndarray, seed: int, first: int, runs: int) -> OfRuns:
@@ -35,7 +40,7 @@ def confirmed(
         calls.append((number, first))
         verdicts = np.array([NOT_MET if number < missing else MET, NOT_MET], object)
         found = FlownRequirements(np.zeros((2, 3)), verdicts, np.zeros(2))
-        return OfRuns(errors(flown[number]), f"sigma of {number}", small, found)
+        return OfRuns(errors(flown[number]), f"sigma of {number}", small, found, number < misplaced)
 
     def candidate(i: int) -> Callable[[], tuple[np.ndarray, float] | None]:
         return lambda: (np.array([i]), analysed[i])
@@ -96,6 +101,13 @@ def test_one_whose_runs_miss_a_requirement_gives_way(objective: str) -> None:
     assert (found.best.choice[0], [one.choice[0] for one in found.rejected]) == (1, [0])
     assert calls == [(0, 0), (1, 200), (1, 400)]
     assert found.findings("x", str)[0].text == "x: [0] is rejected: 200 runs don't meet its requirements"
+
+
+def test_one_whose_position_has_too_small_a_sigma_gives_way() -> None:
+    found = Confirmation.of(confirmed([1.0, 1.1, 1.2], [1.0, 1.1, 1.2], misplaced=1)[0].arrays())
+    assert (found.best.choice[0], [one.choice[0] for one in found.rejected]) == (1, [0])
+    assert found.findings("x", str)[0].text == "x: [0] is rejected: in 200 runs a σ of position is too small"
+    assert confirmed([1.0, 1.1], [1.0, 1.2], misplaced=2)[0].best.choice[0] == 0, "no other is better"
 
 
 def test_one_without_an_error_in_runs_is_not_confirmed() -> None:

@@ -26,6 +26,7 @@ CASES = [
      ["approach.speed_touchdown_kmh: 130 km/h is faster than approach.speed_start_kmh, 80 km/h", "swap the two"]),
     ("imu.gyro={drift_deg_h: 1e6}", ["imu.gyro.drift_deg_h: 1e+06 deg/h", "more than a revolution", "give deg/h"]),
     ("imu.gyro={drift_deg_h: null, drift_fixed_deg_h: [0, 0, -2e5]}", ["imu.gyro.drift_fixed_deg_h: 200000 deg/h"]),
+    ("pseudolites={clock_sigma_ns: 1e-8}", ["pseudolites.clock_sigma_ns: 1e-08 ns are 3e-09 m", "in nanoseconds"]),
     ("imu.accelerometer={bias_mg: 2e3}", ["imu.accelerometer.bias_mg: 2000 mg is more than gravity", "give mg"]),
 ]  # fmt: skip
 
@@ -33,7 +34,7 @@ CASES = [
 def spread(setting: str) -> list[str]:
     """Settings of single keys, of one of a section that leaves the others as they are."""
     section, _, value = setting.partition("=")
-    if not value.startswith("{") or section == "pseudolites":
+    if not value.startswith("{") or "sites" in value:
         return [setting]
     pairs = value[1:-1].split(", ") if "[" not in value else ["drift_fixed_deg_h: [0, 0, -2e5]"]
     return [f"{section}.{key}={what}" for key, what in (pair.split(": ", 1) for pair in pairs)]
