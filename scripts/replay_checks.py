@@ -211,8 +211,8 @@ def main() -> int:
         "",
         "## Predictions",
         "",
-        "[`navsim replay --bet`](replay.md#predict-the-rest) on all recordings at hand. Shares in % with intervals of "
-        "95 %; bold intervals exclude the prediction.",
+        "[`navsim replay --bet`](replay.md#predict-the-rest) on all recordings at hand, the shipped flight up to 65 s. "
+        "Shares in % with intervals of 95 %; bold intervals exclude the prediction.",
         "",
         row("recording", "in motion", "values", "independent", "50 % within", "were", "95 % within", "were"),
         "|---" * 8 + "|",

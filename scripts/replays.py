@@ -27,6 +27,17 @@ from navsim.scenario.load import read_replay
 
 DATA = measured.ROOT.parent / "shared" / "data"
 UAV, CAR = DATA / "fw_thor75", DATA / "comma2k19_ex1"
+SOURCES = [
+    "",
+    "| recording | source | reference |",
+    "|---|---|---|",
+    "| `fw_thor75` | flight 75 of the UAV \"Thor\" (Ultra Stick 25e class), UAV Lab of the University of Minnesota, "
+    "2012-10-10, from the repository NorthStarUAS/insgnss_tools on GitHub (MIT licence); IMU 50 Hz, fixes 1 Hz | the "
+    "onboard INS/GPS filter of 15 states, which uses the same sensors |",
+    "| `comma2k19_ex1` | Example_1, segment 40, of commaai/comma2k19 on GitHub (MIT licence; arXiv 1812.05752); IMU "
+    "104 Hz, u-blox fixes 10 Hz | pose of the camera by GNSS, inertial sensors and vision: about 1 m, 0.1 to 0.3 m "
+    "within a drive. Its lever arm is unknown, so means are not compared |",
+]
 LOG = """kind: replay
 version: 1
 imu: {{file: {folder}/imu.csv.gz}}
@@ -184,7 +195,8 @@ def main() -> int:
         "",
         "## A small fixed-wing UAV",
         "",
-        "A flight of 2012 (`fw_thor75`, from 150 s on), replayed by navsim and by an untuned filter:",
+        "A flight of 2012 (`fw_thor75`, from 150 s on), replayed by navsim and by an untuned loosely coupled filter of "
+        "15 states:",
         "",
         "| | navsim | untuned filter |",
         "|---|---|---|",
@@ -207,7 +219,7 @@ def main() -> int:
         "A drive (`comma2k19_ex1`), imported without vertical velocity. Standard deviation of the difference from the "
         "reference, after 10 s:",
         "",
-        "| | navsim | plain filter |",
+        "| | navsim | untuned filter |",
         "|---|---|---|",
         row("position N / E, m", listed(motorway["position"], 2), "0.20 / 0.11"),
         row("velocity, horizontal, m/s", listed(motorway["velocity"], 2), "0.04"),
@@ -216,6 +228,7 @@ def main() -> int:
         *(row(f"drift without fixes, 15 s, median / largest, m; NEES{how}", f"{listed(each[:2], 1)}; {each[2]:.2f}", "")
           for how, each in zip(("", ", with `side_slip: {}`"), slip, strict=True)),
     ]  # fmt: skip
+    lines += SOURCES
     lines += replay_bench.section() if "--bench" in sys.argv else older_bench()
     PAGE.write(lines, begun)
     return 0

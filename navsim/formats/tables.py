@@ -99,8 +99,8 @@ class TextTable:
         missing = [name for name in wanted if found[name] is None]
         if missing:
             there = ", ".join(self.names)
-            needed = ", ".join(wanted)
-            message = f"the header lacks {', '.join(missing)}; navsim needs {needed}; the header has {there[:300]}"
+            needed = f"navsim needs {', '.join(wanted)}; " if missing != list(wanted) else ""
+            message = f"the header lacks {', '.join(missing)}; {needed}the header has {there[:300]}"
             raise FileError(self.header, message, self.path)
         columns = {name: place for name, place in found.items() if place is not None}
         if not self.numbers:

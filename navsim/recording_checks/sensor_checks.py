@@ -342,7 +342,7 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     alike: dict[str, _Explanation] = {}
     for e in alternatives:
         alike.setdefault("imu.axes" if "imu.axes" in e.remedy else f"{e.remedy} {e.seems}", e)
-    unique = sorted(alike.values(), key=lambda e: e.square)[:3]
+    unique = sorted(alike.values(), key=lambda e: (not _of_usual_latency(e), e.square))[:3]
     evidence = _evidence(home, float(levels[0]), unique[0])
     remedies = tuple(e.remedy for e in unique if not (log.sentences and e.fit.hypothesis.reading))
     mistake = Mistake(evidence, " or ".join(e.seems for e in unique), remedies, "gnss")
@@ -352,6 +352,11 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
 _ALIKE = 1.3
 """Mean squares of explanations within this factor are alike."""
 _OF_TIMES = {"gnss.time_offset_s", "gnss.latency_s"}
+
+
+def _of_usual_latency(explanation: _Explanation) -> bool:
+    """Whether it replaces a given latency by a usual one, which is likelier than clocks that are off."""
+    return abs(explanation.remedy.get("gnss.latency_s", np.inf)) <= USUAL_LATENCY
 
 
 def _turns_forward(explanation: _Explanation) -> bool:
@@ -379,9 +384,9 @@ def _evidence(home: HypothesisFit, as_written: float, best: _Explanation) -> str
     text = []
     if best.square < 0.8 * as_written:
         text.append(
-            "carried along by the gyros, the specific force misses the changes of velocity by "
-            f"{digits(np.sqrt(as_written), 2)} m/s in each second as written, by {digits(np.sqrt(best.square), 2)} "
-            "m/s corrected"
+            "the changes of velocity by the sensors differ from those of the fixes by "
+            f"{digits(np.sqrt(as_written), 2)} m/s in each second, after the correction by "
+            f"{digits(np.sqrt(best.square), 2)} m/s"
         )
     for name, mean, due in (("down", home.down, 2), ("the velocity", home.ahead, 0)):
         if as_written <= WORSE**2 * best.square and np.abs(mean).max() >= ALONG and mean[due] < ALONG:
@@ -433,7 +438,7 @@ def _of_times(log: Log, offset: float) -> list[tuple[str, float, str]]:
     if log.latency is None or not low <= offset <= high:
         return [clocks]
     found = round(-offset, 1) + 0.0
-    text = f"the fixes seem to have a latency of {found:g} s, not of {log.latency:g} s"
+    text = f"the fixes seem to have a latency of {found:g} s, not of {log.latency:g} s (without the key it is tuned)"
     latency = ("gnss.latency_s", found, text)
     return [latency, clocks] if abs(found) <= USUAL_LATENCY else [clocks, latency]
 

@@ -158,7 +158,7 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
         "Covariance of position, clocks, survey errors and biases of pseudolites and beacons",
     ),
     "filter on the two-frames group": (_ONE_GAUSSIAN,),
-    "error-state filter with reset of its covariance": (
+    "reset of the covariance after a correction": (
         "Sigma and estimates of `eskf`, from fixes and from ranges, with `filter.steady_force` and without it",
     ),
     "Gaussian sum": (_ONE_GAUSSIAN,),

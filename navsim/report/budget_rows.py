@@ -32,6 +32,7 @@ def source_title(name: str) -> str:
     return (
         name.replace("satellite_lasting_", "time-correlated ")
         .replace("orbit_clock", "orbits, clocks")
+        .replace("_markov", " in-run bias")
         .replace("_", " ")
     )
 

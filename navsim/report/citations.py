@@ -179,10 +179,12 @@ METHODS = (
     Method("error model and update of the navigation filter", _FILTER, ("groves2013", "barfoot2017"), filtered),
     Method("filter on the two-frames group", _FILTER, ("barrau2023", "fornasier2023"), _filter("tfg", "gaussian-sum")),
     Method(
-        "error-state filter with reset of its covariance",
+        "reset of the covariance after a correction",
         _FILTER,
         ("mueller2017",),
-        _filter("eskf", "first-estimates", "observability-constrained"),
+        _filter(
+            "eskf", "first-estimates", "observability-constrained", "left-invariant", "tfg", "gaussian-sum", "rts"
+        ),
     ),
     Method(
         "error-state filter with first-estimates Jacobians",

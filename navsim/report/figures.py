@@ -571,6 +571,6 @@ def save_figures(
 def _no_figure(name: str, there: list[str]) -> str:
     from difflib import get_close_matches
 
-    near = get_close_matches(name, there, 1, 0.4)
+    near = get_close_matches(name, there, 1)
     advice = f"did you mean {near[0]}? " if near else ""
     return f"the result has no such figure; {advice}it has {', '.join(there) or 'none'}"

@@ -41,8 +41,7 @@ def test_straight_lines_and_through_north(tmp_path: Path) -> None:
         (
             "az,el\n0,5\n",
             1,
-            "the header lacks azimuth_deg, elevation_deg; "
-            "navsim needs azimuth_deg, elevation_deg; the header has az, el",
+            "the header lacks azimuth_deg, elevation_deg; the header has az, el",
         ),
         (HEAD, 1, "the table has no rows"),
         (
