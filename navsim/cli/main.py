@@ -128,7 +128,7 @@ class _Group(TyperGroup):
 app = typer.Typer(
     name="navsim",
     cls=_Group,
-    help="Plan and check a landing navigation system: INS corrected by GNSS and ground pseudolites.",
+    help="Plan and check a landing navigation system: INS corrected by GNSS, pseudolites and beacons.",
     epilog="Start with: navsim init, which writes landing_open_sky.yaml; then navsim run landing_open_sky.yaml",
     invoke_without_command=True,
     rich_markup_mode=None,  # plain help: half the time, and flags are not shown with a type

@@ -46,7 +46,7 @@ def plan(
     ] = 5006,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address and open no browser.")] = False,
 ) -> None:
-    """Place pseudolites in the browser: drag them, see DOPs and accuracy, save the scenario.
+    """Place pseudolites or beacons in the browser: drag them, see DOPs and accuracy, save the scenario.
 
     navsim serves the page on this machine, at 127.0.0.1, until Ctrl-C.
     """  # fmt: skip

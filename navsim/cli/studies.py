@@ -104,7 +104,7 @@ class OptimizeOptions:
         number_option(
             int,
             0,
-            "Runs that verify the best placement of each number of pseudolites, 0 for none; default: 200. They come "
+            "Runs that verify the best placement of each number, 0 for none; default: 200. They come "
             "after --time-limit, too.",
         ),
     ] = None
@@ -114,9 +114,9 @@ class OptimizeOptions:
 
 
 def optimize(study: StudyArgument, given: OptimizeOptions, care: OutputOptions) -> None:
-    """Find the best positions of pseudolites under constraints.
+    """Find the best positions of pseudolites or beacons under constraints.
 
-    The study may ask for several numbers of pseudolites. After an interruption the same command continues.
+    The study may ask for several numbers of them. After an interruption the same command continues.
     """
     from navsim.runner.job import Options
 

@@ -126,7 +126,7 @@ class CovarianceJob(_Prepared):
 
     def __init__(self, section: Landing, document: Document, options: Options) -> None:
         super().__init__(section, document)
-        if foreign := options.foreign("method", "require_fix", "require_consistent", "require"):
+        if foreign := options.foreign("method", "workers", "require_fix", "require_consistent", "require"):
             text = "only for method monte-carlo; a covariance analysis has no runs"
             raise OptionError(f"{', '.join(foreign)}: {text}")
         self.seed = options.seed

@@ -25,6 +25,7 @@ import datetime
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -37,7 +38,7 @@ from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.events import BEACONS
 from navsim.gnss.signals import SignalScenario
 from navsim.landing.beacons import BeaconGlide
-from navsim.landing.confirmation import Fly, OfRuns, fly_case, of_runs
+from navsim.landing.confirmation import Errors, Fly, OfRuns, filter_outputs, fly_case, of_runs
 from navsim.landing.plausibility import implausible
 from navsim.landing.preflight import FOLLOW, lone_pseudolite_warning
 from navsim.optimization.costs import Member
@@ -171,6 +172,9 @@ class PlacementProblem:
     `FULL`)."""
     fly: Fly | None = None
     """Runs of a placement."""
+    errors: Callable[[np.ndarray | None], Errors] | None = None
+    """Errors of the filter with a placement, None for that of the base, by covariance analysis; of searches by the DOP
+    of beacons, where the filter has such an analysis."""
     beacons: BeaconGlide | None = None
     """Geometry of beacons, where these are placed."""
     powers: tuple[PlacementProblem, ...] = ()
@@ -382,7 +386,14 @@ def _with_power(
     fly = partial(_fly, study, bare, document, kept.plane, workers)
     by_geometry = study.objective in (*DOP_OBJECTIVES, *BEACON_OBJECTIVES)
     if by_geometry and not study.constraints.requirements:
-        return PlacementProblem(study, scenario, kept, geometry, objective, warnings, fly=fly, beacons=beacons)
+        errors = None
+        if beacons is not None:
+            with suppress(KeyedError):  # runs alone judge then
+                scenario.check_analysable()
+                errors = partial(_errors, study, bare, document, kept.plane)
+        return PlacementProblem(
+            study, scenario, kept, geometry, objective, warnings, fly=fly, errors=errors, beacons=beacons
+        )
     # the filter and its monitors, which objectives of the geometry do without
     from navsim.landing.case import prepare
     from navsim.optimization.analyses import BeaconFlight, FidelityEvaluator, LevelScreen, flown, screened, watched
@@ -503,13 +514,26 @@ def _fly(
     runs: int,
 ) -> OfRuns:
     """Results of runs of the base scenario with pseudolites, or beacons, at `places` (k, c)."""
+    case = _case(with_sites(study, bare, document, places, plane), document, "monte-carlo")
+    return of_runs(fly_case(case, seed, first, runs, threads(workers)))
+
+
+def _errors(
+    study: Optimize, bare: Document, document: Document, plane: RunwayPlane, places: np.ndarray | None
+) -> Errors:
+    """See `PlacementProblem.errors`."""
+    from navsim.landing.covariance import covariance_analysis, covariance_summary
+
+    own = bare.copy() if places is None else with_sites(study, bare, document, places, plane)
+    case = _case(own, document, "covariance")
+    return filter_outputs(covariance_summary(case, covariance_analysis(case)))
+
+
+def _case(own: Document, document: Document, method: str) -> Case:
     from navsim.landing.case import prepare
 
-    own = with_sites(study, bare, document, places, plane)
-    set_value(own, "method", "monte-carlo", document.place(("base",)), document.folder)
-
-    case = prepare(validated(Landing, own), own)
-    return of_runs(fly_case(case, seed, first, runs, threads(workers)))
+    set_value(own, "method", method, document.place(("base",)), document.folder)
+    return prepare(validated(Landing, own), own)
 
 
 def with_sites(study: Optimize, bare: Document, document: Document, places: np.ndarray, plane: RunwayPlane) -> Document:

@@ -21,6 +21,10 @@ class TimeUp(Exception):
     """The time limit has passed."""
 
 
+class ShareUp(TimeUp):
+    """The share of the time limit that one search may take has passed."""
+
+
 @dataclass(frozen=True)
 class Step:
     """A part of the remaining work: its name, and the largest number of placements, by type of evaluation."""
@@ -59,6 +63,7 @@ class SearchMonitor:
     ) -> None:
         self.tell, self._limit, self._clock = tell, time_limit, clock
         self._started = clock()
+        self._until: float | None = None
         self._cost: dict[str, float] = {}
         self._to_come: list[Step] = []
         self._now = Step("", {})
@@ -82,6 +87,12 @@ class SearchMonitor:
         self.look()
         yield
         self._now = Step("", {})
+
+    def allot(self, parts: int) -> None:
+        """What follows takes one of so many equal parts of the time that is left; `look` then raises ShareUp, once
+        there is a placement."""
+        used = self._clock() - self._started
+        self._until = None if self._limit is None or parts < 2 else used + (self._limit - used) / parts
 
     def begin(self) -> None:
         """A new number of pseudolites: its best is still to be found."""
@@ -125,11 +136,13 @@ class SearchMonitor:
         self.look()
 
     def look(self) -> None:
-        """Report progress. Raises TimeUp."""
+        """Report progress. Raises TimeUp, ShareUp."""
         used = self._clock() - self._started
         self.tell(SearchProgress(self._now.name, dict(self.tried), self.best, self.places, used, self._remaining(used)))
         if self._limit is not None and used >= self._limit:
             raise TimeUp
+        if self._until is not None and used >= self._until and self.places is not None:
+            raise ShareUp
 
     def _remaining(self, used: float) -> float | None:
         left = 0.0

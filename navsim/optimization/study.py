@@ -16,7 +16,7 @@ import numpy as np
 
 from navsim.geodesy.earth import llh_from_ecef
 from navsim.landing.beacons import FLAT_VDOP
-from navsim.landing.confirmation import Candidate, Confirmation, confirm, put_requirements
+from navsim.landing.confirmation import TOLERANCE, Candidate, Confirmation, confirm, put_requirements
 from navsim.landing.requirements import statements
 from navsim.optimization.best_placement import Found, NoPlacement
 from navsim.optimization.costs import HALVINGS, Member, cheaper, on_front
@@ -37,12 +37,13 @@ from navsim.optimization.problem import (
     PENALTY_UNSOLVED,
     PlacementProblem,
 )
-from navsim.optimization.progress import SearchMonitor, Step, TimeUp
+from navsim.optimization.progress import SearchMonitor, ShareUp, Step, TimeUp
 from navsim.optimization.scenario import BEACON_OBJECTIVES, Optimize, Surfaces
 from navsim.optimization.search import COARSE, FULL, GEOMETRY, Evaluator, search_one, steps
 from navsim.optimization.search_log import SearchLog
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, kept
+from navsim.results.notes import Note
 from navsim.results.result import Result
 from navsim.results.schema import MET, OBJECTIVE_QUANTITIES, OPTIMIZE
 from navsim.runner import findings as judging
@@ -59,6 +60,8 @@ if TYPE_CHECKING:
 _SPOILT = 0.1
 """Share of a mean DOP from one epoch above which navsim warns. Where the aircraft crosses the plane of three beacons,
 the mean depends on how near to it an epoch falls."""
+_COMPARED = tuple(f"{axis}_{height}" for height in ("100ft", "50ft", "touchdown") for axis in ("vertical", "lateral"))
+"""Errors of the filter by which a placement is compared with that of the base."""
 TIME_LIMIT, INTERRUPTED = "time limit", "interrupted"
 
 
@@ -77,6 +80,8 @@ class SearchOutcome:
     """Runs of the best placements."""
     impossible: dict[Member, NoPlacement] = field(default_factory=dict)
     """Searches without a placement, where another transmitter power has one."""
+    cut: set[Member] = field(default_factory=set)
+    """Searches that their shares of the time limit ended."""
     every_limit: bool = False
     """All searches with a limit of the cost are done."""
     stopped: str = ""
@@ -109,7 +114,7 @@ def search(problem: PlacementProblem, seed: int, watch: SearchMonitor | None = N
     """The best placement for every number of pseudolites the study asks for. Raises NoPlacement."""
     watch = watch or SearchMonitor()
     watch.plan(_search_steps(problem))
-    return {one.count: found for one, found in _searches(problem, seed, watch, SearchLog(), {})}
+    return {one.count: found for one, found in _searches(problem, seed, watch, SearchLog(), {}, set())}
 
 
 def planned(problem: PlacementProblem) -> list[Step]:
@@ -154,14 +159,22 @@ def _searches(
     watch: SearchMonitor,
     journal: SearchLog,
     impossible: dict[Member, NoPlacement],
+    cut: set[Member],
 ) -> Iterator[tuple[Member, Found]]:
-    """Without a limit of the cost. Adds to `impossible`; raises NoPlacement for a number that no power can do."""
+    """Without a limit of the cost; they share the time limit. Adds to `impossible` and `cut`; raises NoPlacement for a
+    number that no power can do."""
     earlier: np.ndarray | None = None
-    last = len(problem.study.powers) - 1
-    for one in _unlimited(problem.study):
+    last, every = len(problem.study.powers) - 1, _unlimited(problem.study)
+    for i, one in enumerate(every):
+        watch.allot(len(every) - i)
         earlier = None if one.count == problem.study.counts[0] else earlier
         try:
             found = _search(problem, one, seed, earlier, watch, journal)
+        except ShareUp:
+            cut.add(one)
+            if (so_far := _unfinished(problem, one, watch)) is None:
+                continue
+            found = so_far
         except NoPlacement as error:
             impossible[one] = error
             if one.power == last and all(Member(one.count, power) in impossible for power in range(last)):
@@ -276,7 +289,7 @@ def solve(
             for fidelity, judge in ((FULL, problem.objective), (COARSE, problem.coarse)):
                 with watch.trying(fidelity, 1):
                     judge(nothing)
-        for one, found in _searches(problem, seed, watch, journal, outcome.impossible):
+        for one, found in _searches(problem, seed, watch, journal, outcome.impossible, outcome.cut):
             outcome.found[one] = found
         _below_limits(problem, outcome, seed, watch, journal)
         members = sorted(outcome.found)
@@ -293,9 +306,13 @@ def solve(
             watch.best, watch.places = best.value, best.places
             with watch.step(_mapping(problem, one.count)):
                 outcome.maps[one] = step("map", one, objective_map, best)
+        outcome.stopped = TIME_LIMIT if outcome.cut else ""
     except (TimeUp, KeyboardInterrupt) as stop:
         outcome.stopped = TIME_LIMIT if isinstance(stop, TimeUp) else INTERRUPTED
-        _keep_unfinished(problem, outcome, watch)
+        known = outcome.found.keys() | outcome.impossible | outcome.cut
+        one = next((one for one in _unlimited(problem.study) if one not in known), None)
+        if one is not None and (so_far := _unfinished(problem, one, watch)) is not None:
+            outcome.found[one] = so_far
         if not outcome.found:
             if isinstance(stop, KeyboardInterrupt):
                 raise
@@ -368,16 +385,15 @@ def _judges(problem: PlacementProblem, suffix: str) -> ObjectiveFunctions:
     return out
 
 
-def _keep_unfinished(problem: PlacementProblem, outcome: SearchOutcome, watch: SearchMonitor) -> None:
-    """The best so far of the search without a limit of the cost that was stopped."""
-    known = outcome.found.keys() | outcome.impossible
-    one = next((one for one in _unlimited(problem.study) if one not in known), None)
-    if one is None or watch.places is None or len(watch.places) != one.count:
-        return
+def _unfinished(problem: PlacementProblem, one: Member, watch: SearchMonitor) -> Found | None:
+    """The best so far of a search without a limit of the cost that was stopped."""
+    if watch.places is None or len(watch.places) != one.count:
+        return None
     best = problem.of(one).judged(watch.places[None])
-    if best.value[0] < PENALTY_UNSOLVED:
-        objective, load = float(best.objective[0]), float(best.load[0])
-        outcome.found[one] = Found(watch.places, objective, watch.tried_since(), False, finished=False, load=load)
+    if best.value[0] >= PENALTY_UNSOLVED:
+        return None
+    objective, load = float(best.objective[0]), float(best.load[0])
+    return Found(watch.places, objective, watch.tried_since(), False, finished=False, load=load)
 
 
 def _flying(problem: PlacementProblem, count: int) -> str:
@@ -485,6 +501,7 @@ def optimize_result(problem: PlacementProblem, outcome: SearchOutcome, seed: int
     told = judging.notes([*problem.warnings, *weak, *_on_pavement(problem, outcome), *way])
     if problem.beacons is not None:
         told += judging.notes(dop_warnings(problem, names, others))
+        told += judging.notes(worse_than_base(problem, outcome))
     out.variables.update(kept(told + _findings(problem, outcome) + flown + unmet))
     return out
 
@@ -576,6 +593,31 @@ def dop_warnings(problem: PlacementProblem, names: Sequence[str], dops: Sequence
                     f"{asked}: {digits(most)}, where the median is {digits(median)}. So the mean ranks placements by "
                     f"chance; minimise {asked}_p50"
                 )
+    return out
+
+
+def worse_than_base(problem: PlacementProblem, outcome: SearchOutcome) -> list[str]:
+    """Warnings about best placements by a DOP that were flown, where the layout of the base, of no more beacons, has a
+    smaller error of the filter by covariance analysis."""
+    out: list[str] = []
+    count = 0 if problem.scenario.beacons is None else len(problem.scenario.beacons.sites)
+    if problem.study.objective not in BEACON_OBJECTIVES:
+        return out
+    for one in _rows(problem, outcome):
+        its = problem.of(one)
+        if one not in outcome.confirmed or one.count < count or its.errors is None:
+            continue
+        plain, best = its.errors(None), its.errors(outcome.found[one].places)
+        worse = [
+            f"{name.replace('_', ' at ')} {digits(best[name], 2)} m instead of {digits(plain[name], 2)} m"
+            for name in _COMPARED if best[name] > (1.0 + TOLERANCE) * plain[name]
+        ]  # fmt: skip
+        if worse:
+            out.append(Note(
+                f"{_named(problem, outcome, one)}: your own layout in {problem.study.base} is better, by covariance "
+                f"analysis: here sigma is {', '.join(worse)}. A DOP knows nothing of the inertial sensor and of "
+                "lasting errors: minimise the error that you need, such as vertical_touchdown", "worse_than_base",
+            ))  # fmt: skip
     return out
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +25,15 @@ from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.optimization.problem import problem
 from navsim.optimization.report import tables
 from navsim.optimization.scenario import Optimize
-from navsim.optimization.study import dop_warnings, in_the_way, optimize_result, solve
+from navsim.optimization.study import dop_warnings, in_the_way, optimize_result, solve, worse_than_base
 from navsim.report.table import Table
 from navsim.results.result import read
+from navsim.results.schema import HEIGHTS
 from navsim.scenario.load import read_study
 from navsim.scenario_files.source import InputError
 from navsim.sensors.beacons import Beacons
 from navsim.simulation.aiding import Aid
+from navsim.sweeps.scenario import FILTER_OUTPUTS
 from tests.forks import navsim
 from tests.helpers import SCENARIOS, case, scenario
 
@@ -239,10 +242,12 @@ def test_a_search_chooses_the_best_sites(tmp_path: Path) -> None:
     places = [(200, 900, 0), (-200, 900, 12), (150, -300, 25), (-300, 100, 3), (90, 1800, 0)]
     sites = ", ".join(f"{{s_m: {s}, l1_m: {l1}, height_m: {h}}}" for s, l1, h in places)
     study = tmp_path / "study.yaml"
-    study.write_text(f"kind: optimize\nversion: 1\nbase: base.yaml\nset: {{receiver.rate_hz: 0.5}}\nbeacons: [3]\n"
+    rates = "receiver.rate_hz: 0.5, imu.rate_hz: 20"
+    study.write_text(f"kind: optimize\nversion: 1\nbase: base.yaml\nset: {{{rates}}}\nbeacons: [3]\n"
                      f"objective: beacons_vdop\nsites: [{sites}]\n")  # fmt: skip
     posed = problem(*read_study(study, Optimize, []))
-    result = optimize_result(posed, solve(posed, 1), 1)
+    outcome = solve(posed, 1)
+    result = optimize_result(posed, outcome, 1)
     assert posed.beacons is not None
     assert posed.study.constraints.distance_m == (30.0, 100_000.0)
     away = posed.rules.plane.ecef(np.array(places, float)) - posed.beacons.receiver[:, None]
@@ -275,6 +280,15 @@ def test_a_search_chooses_the_best_sites(tmp_path: Path) -> None:
     assert in_the_way(posed.rules, "3 beacons", beside[1:]) == []
     (text,) = write_kml(result, tmp_path / "best").values()
     assert all(f"<name>B{k} of 3</name>" in text for k in (1, 2, 3))
+    assert posed.errors is not None
+    analysed = case(*rates.replace(": ", "=").split(", "), keys.replace(": ", "=", 1))
+    sigma = covariance_result(analysed, covariance_analysis(analysed), 1)["/summary/at/vertical"]
+    assert posed.errors(None)["vertical_touchdown"] == sigma[list(HEIGHTS).index("touchdown"), 0]
+    sizes = dict.fromkeys(FILTER_OUTPUTS, 1.0)
+    judged = replace(posed, errors=lambda places: sizes | ({} if places is None else {"vertical_touchdown": 1.2}))
+    outcome.confirmed.update(dict.fromkeys(outcome.found))  # type: ignore[arg-type]
+    (said,) = worse_than_base(judged, outcome)
+    assert "here sigma is vertical at touchdown 1.2 m instead of 1 m." in said
 
 
 def test_lost_answers_and_outliers() -> None:

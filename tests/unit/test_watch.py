@@ -11,7 +11,7 @@ import pytest
 
 from navsim.cli import common
 from navsim.optimization.job import progress_text
-from navsim.optimization.progress import SearchMonitor, SearchProgress, Step, TimeUp
+from navsim.optimization.progress import SearchMonitor, SearchProgress, ShareUp, Step, TimeUp
 from navsim.replays.job import ReplayJob
 
 
@@ -50,6 +50,19 @@ def test_limit_ends_the_work() -> None:
     with pytest.raises(TimeUp), watch.trying("any", 1):
         clock.now += 2.0
     assert watch.tried == {"any": 2}
+
+
+def test_numbers_share_the_limit() -> None:
+    """Of ten seconds the first of two takes half, and has a placement then; the last takes all that is left."""
+    clock = Clock()
+    watch, begun = SearchMonitor(time_limit=10.0, clock=clock), clock.now
+    for parts, after, end in ((2, 7.0, ShareUp), (1, 10.0, TimeUp)):
+        watch.allot(parts)
+        clock.now = begun + after
+        watch.look() if parts > 1 else None
+        watch.offer(np.zeros((1, 2)), 1.0)
+        with pytest.raises(end):
+            watch.look()
 
 
 def test_the_best_is_of_the_number_and_of_the_judge_in_work() -> None:
