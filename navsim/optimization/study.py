@@ -310,9 +310,9 @@ def solve(
     except (TimeUp, KeyboardInterrupt) as stop:
         outcome.stopped = TIME_LIMIT if isinstance(stop, TimeUp) else INTERRUPTED
         known = outcome.found.keys() | outcome.impossible | outcome.cut
-        one = next((one for one in _unlimited(problem.study) if one not in known), None)
-        if one is not None and (so_far := _unfinished(problem, one, watch)) is not None:
-            outcome.found[one] = so_far
+        present = next((one for one in _unlimited(problem.study) if one not in known), None)
+        if present is not None and (so_far := _unfinished(problem, present, watch)) is not None:
+            outcome.found[present] = so_far
         if not outcome.found:
             if isinstance(stop, KeyboardInterrupt):
                 raise
