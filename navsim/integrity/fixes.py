@@ -51,7 +51,7 @@ def range_residuals(
     """
     left, off = np.empty_like(ranges), np.empty_like(llh)
     residuals(
-        signals.position, signals.clock, in_lanes(antenna), axes,
+        np.ascontiguousarray(signals.position), signals.clock, in_lanes(antenna), axes,
         *(in_lanes(m) for m in (ranges, llh, clocks, left, off)),
     )  # fmt: skip
     return left, np.stack([np.sqrt(off[:, 0] ** 2 + off[:, 1] ** 2), np.abs(off[:, 2])], axis=1)

@@ -169,7 +169,7 @@ def _fixes(
             moving = apparent_velocity(turned, moving, assumed, np.einsum("eji,ej->ei", ned_matrix(llh), speed))
         usable = np.isfinite(m.ranges - delay) & np.isfinite(turned[..., 0]) & visible
         position_fix.fixes(
-            start, turned, moving, sigma, np.full((e, s), outliers.RATE_SIGMA), m.clock,
+            start, *map(np.ascontiguousarray, (turned, moving, sigma)), np.full((e, s), outliers.RATE_SIGMA), m.clock,
             np.where(usable, m.ranges - delay, np.nan), m.rates, llh, speed, clocks, covariance,
         )  # fmt: skip
         assumed = ecef_from_llh(llh)

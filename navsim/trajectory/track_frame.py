@@ -103,7 +103,7 @@ class Walk:
     def of(cls, processes: list[Process], which: np.ndarray, step: float) -> Walk:
         """Random walk from processes with the same states, one for each step of so many s."""
         parts = [discretised(p.a, p.b, step) for p in processes]
-        transition, root = (np.stack(m) for m in zip(*parts, strict=True))
+        transition, root = (np.ascontiguousarray(np.stack(m)) for m in zip(*parts, strict=True))
         return cls(transition, root, which, np.linalg.cholesky(processes[which[0]].covariance))
 
     def drawn(self, rngs: tuple[np.random.Generator, ...], count: int) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
 import json
 import math
 import os
@@ -11,7 +13,7 @@ import shutil
 import subprocess
 import sys
 from collections import namedtuple
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,53 @@ from navsim.compiler.protected_folder import open_protected_folder
 from navsim.geodesy import attitude_kernels as attitude
 from tests.helpers import in_brief
 
+SERVER = """
+import json, os, sys, traceback
+import numba, numpy
+numba.njit(lambda x: x + 1.0)(1.0)
+for line in sys.stdin:
+    code, environment, file = json.loads(line)
+    child = os.fork()
+    if child == 0:
+        os.environ.clear()
+        os.environ.update(environment)
+        os.dup2(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 1)
+        try:
+            exec(compile(code, "<string>", "exec"), {"__name__": "__main__"})
+        except BaseException:
+            traceback.print_exc(file=sys.stdout)
+            os._exit(1 + bool(sys.stdout.flush()))
+        os._exit(bool(sys.stdout.flush()))
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
+"""Runs code in forks of a process that has numba and its compiler loaded, and nothing of navsim: a start takes longer
+than what is tested."""
+
+
+@functools.cache
+def server() -> subprocess.Popen[str]:
+    started = subprocess.Popen(
+        [sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        env={name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"},
+    )  # fmt: skip
+    atexit.register(started.communicate)
+    return started
+
+
+def printed(code: str, folder: Path, environment: Mapping[str, str]) -> str:
+    """What a new process prints; folder: for a file with that."""
+    asked, file = server(), folder / "printed.txt"
+    assert asked.stdin is not None
+    assert asked.stdout is not None
+    asked.stdin.write(json.dumps([code, dict(environment), str(file)]) + "\n")
+    asked.stdin.flush()
+    ended = asked.stdout.readline()
+    said = file.read_text()
+    file.unlink()
+    assert ended == "0\n", said
+    return said
+
+
 CODE = (
     "import numpy as np; from navsim.compiler import kernel_cache;"
     "from navsim.geodesy import attitude_kernels as attitude; m = np.empty((3, 3));"
@@ -40,12 +89,8 @@ RIGHT = "[0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0]"
 
 def result(folder: Path, first: str = "") -> tuple[str, int, str]:
     """The kernel's numbers, how many files of the cache were used, what there was to say."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder)}
-    done = subprocess.run(
-        [sys.executable, "-c", first + CODE], env=environment, capture_output=True, text=True, timeout=120
-    )
-    assert done.returncode == 0, done.stderr
-    numbers, notes = done.stdout.split("\n", 1)
+    said = printed(first + CODE, folder.parent, {**os.environ, "NUMBA_CACHE_DIR": str(folder)})
+    numbers, notes = said.split("\n", 1)
     matrix, _, hits = numbers.rpartition(" ")
     return matrix, int(hits), notes.strip()
 
@@ -173,10 +218,7 @@ def test_what_was_loaded_is_loaded_ahead_the_next_time(cache: Path, tmp_path: Pa
     )
 
     def said(code: str) -> str:
-        environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
-        return subprocess.run(
-            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120, check=True
-        ).stdout.strip()
+        return printed(code, tmp_path, {**os.environ, "NUMBA_CACHE_DIR": str(cache)}).strip()
 
     said(writing(all_of_it=False))  # other work was done before: whose kernels they are is not known
     assert memo.exists()
@@ -198,8 +240,7 @@ def test_without_the_linker_numba_compiles_the_same(tmp_path: Path) -> None:
     said = []
     for switch in ("on", "off", "off"):  # compiled, then from the cache
         own = {"NUMBA_CACHE_DIR": str(tmp_path), "NAVSIM_LINKER": switch}
-        done = subprocess.run([sys.executable, "-c", code], env=os.environ | own, capture_output=True, text=True)
-        said.append(done.stdout.splitlines() or [done.stderr])
+        said.append(printed(code, tmp_path, os.environ | own).splitlines())
     assert [lines[0] for lines in said] == ["True", "False", "False"]
     assert len({lines[-1] for lines in said}) == 1
 
@@ -217,11 +258,8 @@ def test_what_kernels_call_is_a_piece_of_them(tmp_path: Path) -> None:
     )
     right = [math.cos(0.1), math.sin(0.1), 0.0, 0.0]
     for name, hits in (("rotate_in_nav_axes", 0), ("rotate_in_nav_axes", None), ("rotate_in_body_axes", 1)):
-        done = subprocess.run(
-            [sys.executable, "-c", code.format(name)], env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
-            capture_output=True, text=True, timeout=120, check=True,
-        )  # fmt: skip
-        first, second = done.stdout.splitlines()
+        said = printed(code.format(name), tmp_path, {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)})
+        first, second = said.splitlines()
         kinds, rest = first.split("]", 1)
         count, numbers = rest.split("[")
         # a kernel that is loaded needs no pieces
@@ -325,18 +363,10 @@ PLACE = (
 )
 
 
-def place(setting: dict[str, str], first: str = "") -> tuple[str, str]:
+def place(setting: dict[str, str], tmp_path: Path, first: str = "") -> tuple[str, str]:
     """Where machine code is kept, and what is said before kernels are compiled."""
     left = {name: value for name, value in os.environ.items() if name not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
-    done = subprocess.run(
-        [sys.executable, "-c", first + PLACE],
-        env=left | setting,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    folder, words = json.loads(done.stdout)
+    folder, words = json.loads(printed(first + PLACE, tmp_path, left | setting))
     return folder, words
 
 
@@ -348,7 +378,7 @@ def test_where_machine_code_is_kept(tmp_path: Path) -> None:
         (home | {"NUMBA_CACHE_DIR": "~/own"}, tmp_path / "own"),
         (home | {"NUMBA_CACHE_DIR": "own"}, Path.cwd() / "own"),
     ):
-        folder, words = place(setting)
+        folder, words = place(setting, tmp_path)
         try:
             assert Path(folder).parent == base
             assert Path(folder).stat().st_mode & 0o777 == 0o700
@@ -361,15 +391,15 @@ def test_where_none_can_be_kept_the_reason_is_said(tmp_path: Path) -> None:
     """No home, a file in place of a folder, a folder that can only be read: which is used."""
     nobody = "import os; os.path.expanduser = lambda path: path;"
     always = "compiling the kernels, about a minute at every start: "
-    assert place({}, nobody) == ("None", f"{always}no home folder is known, set NUMBA_CACHE_DIR")
+    assert place({}, tmp_path, nobody) == ("None", f"{always}no home folder is known, set NUMBA_CACHE_DIR")
     blocked = tmp_path / "file"
     blocked.write_text("")
-    folder, words = place({"NUMBA_CACHE_DIR": str(blocked)})
+    folder, words = place({"NUMBA_CACHE_DIR": str(blocked)}, tmp_path)
     assert folder == "None"
     assert f"{blocked}/kernels-" in words
     assert "Not a directory" in words
     reading = "import os; os.access = lambda *_, **__: False;"
-    folder, words = place({"NUMBA_CACHE_DIR": str(tmp_path)}, reading)
+    folder, words = place({"NUMBA_CACHE_DIR": str(tmp_path)}, tmp_path, reading)
     assert folder.startswith(str(tmp_path))
     assert words == f"{always}{folder} cannot be written, set NUMBA_CACHE_DIR to one that can"
 

@@ -92,7 +92,7 @@ class Errors:
 def run_filter(name: str, case: Scans, alpha: float, sigma: float) -> Errors:
     """One filter, by the name it has in the result, with its 1 sigma of acceleration (m/s2)."""
     runs, count = case.azimuth.shape
-    phi, q = singer(case.period, alpha, 1.0)
+    phi, q = map(np.ascontiguousarray, singer(case.period, alpha, 1.0))
     source = "roll" if "roll" in name else "rate" if "rate" in name else "load"
     now = nodes(case.reports, source, case.period)
     before = np.concatenate([now[:, :1], now[:, :-1]], axis=1)

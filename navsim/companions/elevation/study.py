@@ -92,6 +92,7 @@ def prove(scenario: Elevation, seed: int, runs: int, experiments: int, done: Cal
     inverse = np.linalg.inv(covariances)
     variances = covariance_of_innovation(m, covariances, p0)
     root_p0, sigma = np.linalg.cholesky(p0), float(np.sqrt(given.measurement_variance_deg2))
+    phi, root = map(np.ascontiguousarray, (m.phi, m.root))
     error, innovation = np.empty((runs, steps, n)), np.empty((runs, steps))
     total, nees, nis = np.zeros((steps, n, n)), 0.0, 0.0
     inside = np.empty((experiments, len(BANDS)))
@@ -99,7 +100,7 @@ def prove(scenario: Elevation, seed: int, runs: int, experiments: int, done: Cal
     for e in range(experiments):
         for r in range(runs):
             rng = generator(seed, e * runs + r, "elevation")
-            fly(rng, m.phi, m.root, sigma, gain, root_p0, error[r], innovation[r])
+            fly(rng, phi, root, sigma, gain, root_p0, error[r], innovation[r])
         second = np.einsum("rki,rkj->kij", error, error)
         total += second
         nees += float(np.einsum("rki,kij,rkj->", error, inverse, error))
