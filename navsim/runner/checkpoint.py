@@ -23,6 +23,7 @@ import zipfile
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import IO, Any
 
@@ -70,8 +71,9 @@ class CheckpointError(Exception):
     """A folder of partial work that belongs to another study, or cannot be written."""
 
 
+@cache
 def code_digest() -> str:
-    """SHA-256 of all sources of the package."""
+    """SHA-256 of all sources of the package, as they were when it was first asked for: those that run."""
     package = Path(navsim.__file__).parent
     sources = hashlib.sha256()
     for source in sorted(package.rglob("*.py")):  # a piece depends on more than the kernels

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import platform
 from dataclasses import dataclass, fields
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -79,6 +80,7 @@ def provenance(job: Any, options: Options, read: dict[tuple[str, str], InputFile
     return {path: variable for path, variable in out.variables.items() if path.startswith(PROVENANCE)}
 
 
+@cache
 def software() -> dict[str, str]:
     """Code, libraries and machine of this process."""
     import llvmlite.binding as llvm
