@@ -43,6 +43,8 @@ NAVSIM, PYTHON, DASK = "navsim", "python", "dask"
 """Programs whose commands can be forks; of Python those with `-c`."""
 RARE = ("navsim.__main__", "navsim.runner.cluster")
 """Modules that forks load by themselves."""
+LATE = ("scipy.stats", "shapely")
+"""Modules that searches load when they begin."""
 HANG_S = 10.0
 """A command that has to refuse its input and takes longer hangs."""
 MOST_MB = 1000.0
@@ -191,7 +193,7 @@ def found_first(programs: Path, tree: Path = ROOT) -> dict[str, str]:
 @functools.cache
 def shared() -> Forks:
     """The one of this test process; it ends with it."""
-    landing = ROOT / "scenarios" / "landing.yaml"
+    landing, recorded = (ROOT / "scenarios" / f"{name}.yaml" for name in ("landing", "recorded_flight"))
     short = ("run", landing, "--set", "duration_s=65", "--set", "imu.rate_hz=20", "--set", "receiver.rate_hz=1",
              "--force", "--figures", "none", "-o", "warm.h5")  # fmt: skip
     warm = (
@@ -199,6 +201,8 @@ def shared() -> Forks:
         ("plot", "warm.h5", "--only", "errors"),
         (*short, "--method", "covariance"),
         (*short, "--runs", 26, "--keep", "all"),
+        (*short, "--set", "filter.kind=eskf"),
+        ("replay", recorded, "--set", "tuning=none", "--set", "end_s=30", "--figures", "none", "-o", "warm_replay.h5"),
     )
     folder = tempfile.TemporaryDirectory(prefix="navsim-forks-")
     atexit.register(folder.cleanup)
@@ -240,6 +244,8 @@ def _serve(door: str, folder: Path) -> None:
     for module in pkgutil.walk_packages(navsim_package.__path__, "navsim."):
         if module.name not in RARE:
             importlib.import_module(module.name)
+    for name in LATE:
+        importlib.import_module(name)
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(door)
         listening.listen()
