@@ -63,7 +63,7 @@ def test_the_table_is_long_enough() -> None:
     assert len({str(made.remedy) for made in MISTAKES}) >= 35
 
 
-@pytest.mark.parametrize("name", in_brief(BY_NAME, *range(0, len(BY_NAME), 3)))
+@pytest.mark.parametrize("name", in_brief(BY_NAME, *range(0, len(BY_NAME), 5)))
 def test_each_mistake_of_a_flight_is_named(name: str) -> None:
     assert named(BY_NAME[name], aircraft()) == [(BY_NAME[name].remedy,)]
 
@@ -71,13 +71,13 @@ def test_each_mistake_of_a_flight_is_named(name: str) -> None:
 @pytest.mark.parametrize(
     "name",
     in_brief(["FLU for FRD", "gyro in deg/s", "accelerometer y negated", "radians", "speed in knots",
-              "latitude and longitude", "GPS time for UTC", "accelerometer's sign"], 0, 2, 5, 7),
+              "latitude and longitude", "GPS time for UTC", "accelerometer's sign"], 2, 5),
 )  # fmt: skip
 def test_each_mistake_of_a_drive_is_named(name: str) -> None:
     assert named(BY_NAME[name], car()) == [(BY_NAME[name].remedy,)]
 
 
-@pytest.mark.parametrize("name", ["FLU for FRD", "gyro z negated", "radians", "latitude and longitude"])
+@pytest.mark.parametrize("name", in_brief(["FLU for FRD", "gyro z negated", "radians", "latitude and longitude"], 1, 3))
 def test_mistakes_show_without_velocities(name: str) -> None:
     samples, fixes = aircraft()
     fixes = replace(fixes, velocity=np.full_like(fixes.velocity, np.nan))
@@ -116,7 +116,7 @@ def test_what_a_straight_flight_cannot_tell_is_left_open() -> None:
 
 
 @pytest.mark.parametrize("ride", ["circuit", "circuit at once", "drive", "straight", "straight for longer"])
-@pytest.mark.parametrize("grade", in_brief(["fine", "poor", "worse"], 1, 2))
+@pytest.mark.parametrize("grade", in_brief(["fine", "poor", "worse"], 2))
 @pytest.mark.parametrize("seed", SEEDS)
 def test_recordings_in_order_raise_no_alarm(seed: int, ride: str, grade: str) -> None:
     """Gyros up to 700 deg/h and accelerometers up to 10 mg (1 sigma), receivers of all kinds."""
@@ -198,7 +198,7 @@ def weaving() -> tuple[Samples, Fixes]:
     return read_imu(data / "flight_imu.csv.gz")[0], read_fixes(data / "flight_gnss.csv")[0]
 
 
-@pytest.mark.parametrize(("begin", "length"), in_brief([(20.0, 40.0), (60.0, 25.0), (60.0, 10.0), (75.0, 25.0)], 0, 2))
+@pytest.mark.parametrize(("begin", "length"), in_brief([(20.0, 40.0), (60.0, 25.0), (60.0, 10.0), (75.0, 25.0)], 2))
 def test_a_gap_of_the_fixes_is_no_offset_of_the_clocks(begin: float, length: float) -> None:
     """However few windows are left around it: in a flight that repeats itself they fit elsewhere as well."""
     samples, fixes = weaving()
@@ -218,7 +218,7 @@ def test_offsets_that_fit_as_well_are_named_together() -> None:
 @pytest.mark.parametrize(
     "name",
     in_brief(["RFU for FRD", "mounted backwards", "gyro's sign", "gyro x negated", "gyro z negated", "gyro x and y",
-              "GPS time for UTC", "a second early"], 0, 2, 4, 6),
+              "GPS time for UTC", "a second early"], 0, 6),
 )  # fmt: skip
 def test_noisy_heights_do_not_hide_what_horizontal_velocities_show(name: str) -> None:
     """Without vertical velocities, as NMEA is, in shallow turns: changes of height scatter by metres a second."""
@@ -245,14 +245,14 @@ def drone() -> tuple[Samples, Fixes]:
     return record(quadrotor(), 1, fix_rate=5.0, velocity_noise=0.05, position_noise=0.5)
 
 
-@pytest.mark.parametrize("name", in_brief(SHOWN_AT_WALKING_PACE, 0, 4, 9, 13, 17, 21))
+@pytest.mark.parametrize("name", in_brief(SHOWN_AT_WALKING_PACE, 4, 9, 17))
 def test_each_mistake_of_a_slow_flight_is_named(name: str) -> None:
     """No fix is faster than 2.5 m/s, the drone hovers for half of the time, and its nose points anywhere."""
     assert np.nanmax(np.linalg.norm(drone()[1].velocity[:, :2], axis=1)) < 2.5
     assert named(BY_NAME[name], drone()) == [(BY_NAME[name].remedy,)]
 
 
-@pytest.mark.parametrize("velocities", in_brief(["ned", "horizontal", "none"], 0, 2))
+@pytest.mark.parametrize("velocities", in_brief(["ned", "horizontal", "none"], 2))
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_slow_flight_in_order_raises_no_alarm(seed: int, velocities: Any) -> None:
     """Parked for the most part, too, by a receiver whose positions wander."""
@@ -334,14 +334,16 @@ BURSTS: dict[str, tuple[list[float], float, list[float], list[float]]] = {
 
 
 @pytest.mark.parametrize("name", BURSTS)
-@pytest.mark.parametrize("ride", in_brief(["aircraft", "car", "drone", "level"], 0, 2))
+@pytest.mark.parametrize("ride", in_brief(["aircraft", "car", "drone", "level"], 2))
 def test_wild_fixes_are_no_mistake_of_the_log(ride: str, name: str) -> None:
     """However many bursts: units and axes are wrong in all fixes, or in none."""
     samples, fixes = {"aircraft": aircraft, "car": car, "drone": drone, "level": level}[ride]()
     assert diagnose(Log(samples, wild(fixes, *BURSTS[name]))) == []
 
 
-@pytest.mark.parametrize("name", ["FLU for FRD", "gyro z negated", "speed in knots", "vn and ve", "radians"])
+@pytest.mark.parametrize(
+    "name", in_brief(["FLU for FRD", "gyro z negated", "speed in knots", "vn and ve", "radians"], 1, 2)
+)
 def test_wild_fixes_do_not_hide_mistakes(name: str) -> None:
     samples, fixes = aircraft()
     assert named(BY_NAME[name], (samples, wild(fixes, *BURSTS["six bursts"]))) == [(BY_NAME[name].remedy,)]
@@ -359,7 +361,7 @@ def test_no_fix_of_a_sound_recording_is_wild() -> None:
 MIRROR_EAST = np.array([1.0, -1.0, 1.0])
 
 
-@pytest.mark.parametrize("axes", ["NWD", "SED"])
+@pytest.mark.parametrize("axes", in_brief(["NWD", "SED"], 0))
 def test_gyros_tell_mirrored_velocities_from_a_wrong_sign_of_the_position(axes: str) -> None:
     """The velocities contradict the positions alike in both; the sensors agree with one of the two."""
     samples, fixes = aircraft()
@@ -395,7 +397,7 @@ def test_at_the_equator_exchanged_angles_are_told_from_exchanged_velocities() ->
     assert found.remedies == ({"gnss.velocity_axes": "END"},)
 
 
-@pytest.mark.parametrize("mounted", ["FRD", "FLU"])
+@pytest.mark.parametrize("mounted", in_brief(["FRD", "FLU"], 1))
 @pytest.mark.parametrize("sensors", [False, True])
 def test_axes_that_mirror_the_world_together_are_a_wrong_sign(mounted: str, sensors: bool) -> None:
     """Left-handed axes of velocities and accelerometers with gyros of the other sense make everything agree."""

@@ -315,7 +315,7 @@ FLIGHTS: dict[str, tuple[Callable[[], RecordedTrajectory], float, float, tuple[s
 
 
 @pytest.mark.parametrize("faults", ["none", "wild fixes, a pause and a hole"])
-@pytest.mark.parametrize("name", FLIGHTS)
+@pytest.mark.parametrize("name", in_brief(FLIGHTS, 1, 3))
 def test_faults_come_together(name: str, faults: str, tmp_path: Path) -> None:
     """Wherever the squares of the errors are far beyond their sigma for more than five seconds it is told; of a flight
     without faults nothing is told."""

@@ -19,7 +19,7 @@ from navsim.scenario.load import resolved_yaml
 from navsim.scenario_files.source import InputError
 from navsim.simulation.measurements import measured
 from tests.conftest import ROOT
-from tests.helpers import case, scenario
+from tests.helpers import case, in_brief, scenario
 
 BRIEF = ("duration_s=30", "receiver.rate_hz=2", "pseudolites.frame=runway", "sky.source=nominal-gps")
 LIGHT = 299792458.0
@@ -243,7 +243,7 @@ def rows_of_nees() -> list[tuple[tuple[str, ...], list[float]]]:
     return out
 
 
-@pytest.mark.parametrize(("settings", "told"), rows_of_nees())
+@pytest.mark.parametrize(("settings", "told"), in_brief(rows_of_nees(), 0, 3, 6))
 def test_how_much_too_sure_the_filter_is(settings: tuple[str, ...], told: list[float]) -> None:
     flown = case(*settings, "method=covariance", "filter.fix_errors=none", name="landing_smooth")
     nees = covariance_analysis(flown).expected_square(slice(0, 6))

@@ -157,7 +157,7 @@ def test_errors_of_the_filter_as_requirements(tmp_path: Path) -> None:
         ]
         return posed(tmp_path, common | {"requirements": requirements}, "pdop", [1], where)
 
-    s, l1 = np.arange(-600.0, 601.0, 200.0), np.arange(-400.0, 1201.0, 400.0)
+    s, l1 = np.arange(-600.0, 601.0, 300.0), np.arange(-400.0, 1201.0, 400.0)
     places = np.stack(np.meshgrid(s, l1, indexing="ij"), axis=-1).reshape(-1, 1, 2)
     easy = asked(100.0, 100.0)
     assert easy.requirements is not None
@@ -180,7 +180,7 @@ def test_the_share_of_epochs_with_levels_is_made_large(tmp_path: Path) -> None:
     common |= {"sky": {"source": "directions", "directions": directions}, "pseudolites.clock": "glonass"}
     here = posed(tmp_path, common, "level_share", [1])
     assert not np.isfinite(here.objective(np.empty((1, 0, 2))))[0]
-    brute = here.judged(choices(here, 1, 500.0))
+    brute = here.judged(choices(here, 1, 1000.0))
     found = search(here, 1)[1]
     assert found.met
     assert float(here.shown(np.array(found.value))) >= float((1.0 / brute.objective).max())

@@ -291,7 +291,8 @@ def test_pull_up() -> None:
     ("settings", "name"),
     [
         (("approach.go_around={height_m: 30}", "wind={speed_m_s: 5, from_deg: 40}"), "landing_smooth"),
-        (("approach.go_around={height_m: 2, load_factor: 1.6, climb_deg: 12}",), "landing_smooth"),
+        pytest.param(("approach.go_around={height_m: 2, load_factor: 1.6, climb_deg: 12}",), "landing_smooth",
+                     marks=pytest.mark.long),
         (("approach.go_around={at_s: 40, climb_deg: 0, ease_s: 5}",), "landing"),
         ((*TAXIED, "approach.taxi_speed_kmh=18", "approach.taxi_s=5", "wind.speed_m_s=5", "runway.slope_percent=-2"),
          "landing_smooth"),

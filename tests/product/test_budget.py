@@ -139,7 +139,7 @@ COMMANDS: dict[str, tuple[str, list[str]]] = {
 }  # fmt: skip
 LONG = (
     "long", "covariance", "rare", "integrity-table", "ranges", "optimize", "replay", "azimuth", "atc", "elevation",
-    "sweep, runs", "table2", "integrity-table, mhss",
+    "sweep", "sweep, runs", "table2", "integrity-table, mhss",
 )  # fmt: skip
 PEAK = """
 import sys

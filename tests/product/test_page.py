@@ -52,7 +52,7 @@ PAGES = (
 """Results that stand on a page together: of every kind, alone or two."""
 
 
-IN_BROWSER = ("one", "sweep", "mls-elevation")
+IN_BROWSER = ("one", "sweep")
 """The first of those that a browser shows every time, beside those with markup in them."""
 
 

@@ -105,7 +105,7 @@ QUESTIONS = {
 """What users look for, and the page that has the answer."""
 
 
-@pytest.mark.parametrize("every", in_brief([6, 1], 0))
+@pytest.mark.parametrize("every", in_brief([11, 1], 0))
 def test_search_finds_what_users_ask(every: int, browser: Any, site: Path) -> None:
     """Among the first three pages, by the site's index as a browser asks it. The index is loaded once."""
     page = browser.new_page()

@@ -66,6 +66,10 @@ def leaves(node: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
             yield from leaves(value, (*path, key))
 
 
+TRIED: set[tuple[type, tuple[str, ...]]] = set()
+"""Keys of scenarios whose numbers were tried: a key that several have is tried in the first of them."""
+
+
 @pytest.mark.parametrize("name", shipped.names())
 def test_no_boolean_and_no_absurd_number_is_accepted(name: str, tmp_path: Path) -> None:
     """In place of each number of the resolved scenario, `pseudolites.count` and `version` among them."""
@@ -74,6 +78,10 @@ def test_no_boolean_and_no_absurd_number_is_accepted(name: str, tmp_path: Path) 
     found = list(leaves(data))
     assert ("version",) in found
     for path in found:
+        key = type(scenario), tuple(part for part in path if isinstance(part, str))
+        if key in TRIED:
+            continue
+        TRIED.add(key)
         for wrong in (False, True, 1e300, -1e300, 5e-324 if path[-1] == "version" else 10**30):
             changed = copy.deepcopy(data)
             target = changed
