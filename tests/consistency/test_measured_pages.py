@@ -17,9 +17,7 @@ UNGUARDED: set[str] = set()
 """Scripts whose pages were made before pages had probes. Each takes minutes of processor time:
 `make validate` makes the pages anew."""
 
-EARLIER = {"outages", "covariance_matrix", "heights", "sensor_errors", "faults", "interference", "integrity",
-           "lasting_errors", "filter_consistency", "covariance_against_runs", "near_passes", "filter_settings",
-           "control_variates"}  # fmt: skip
+EARLIER = {"outages", "lasting_errors", "filter_consistency"}
 """Scripts whose pages say that they are of an earlier filter. Strike them out when they are made anew."""
 NOTE = "Computed with an earlier version of the default filter"
 
