@@ -179,7 +179,7 @@ def test_lpv_200_has_accuracy_and_a_threshold(method: str, tmp_path: Path) -> No
 
 
 def test_the_vertical_error_without_a_fault_is_what_fixes_have(tmp_path: Path) -> None:
-    result, _ = flown(tmp_path, [], "--runs", 200, "--keep", "all", "--set", MHSS)
+    result, _ = flown(tmp_path, [], "--runs", 100, "--keep", "all", "--set", MHSS)
     glide = result["/integrity/time"] <= 60.2
     error, sigma = result["/integrity/error_vertical"][:, glide], result["/integrity/sigma_vertical"][glide]
     normalised = np.mean((error / sigma) ** 2)

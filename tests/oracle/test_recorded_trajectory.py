@@ -18,8 +18,8 @@ from navsim.scenario.load import read, read_replay
 from navsim.scenario_files.source import InputError
 from navsim.trajectory.kinematics import tangent_frame
 from navsim.trajectory.recorded import recorded_trajectory
-from tests.consistency.test_lost_filters import shifted
 from tests.consistency.test_replay import GIVEN, without
+from tests.consistency.test_unusable_output import shifted
 from tests.helpers import case
 from tests.recordings import write_flight
 

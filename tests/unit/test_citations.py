@@ -72,6 +72,8 @@ def page(path: Path) -> Page:
 
 
 _CITES = re.compile(rb"\.md|(?<![\w\])`])\[\d+\](?!\w|\[|\()")
+_CITING_COMMENT = re.compile(rb"#.*(?:%b)" % _CITES.pattern)
+"""A line whose comment, or what looks like one, cites."""
 
 
 @cache
@@ -87,6 +89,8 @@ def _remarks(path: Path) -> Iterator[str]:
     for node in ast.walk(ast.parse(path.read_bytes())):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             yield node.value.value
+    if not _CITING_COMMENT.search(path.read_bytes()):
+        return
     block: list[str] = []
     line = 0
     with open(path, "rb") as file:

@@ -53,14 +53,20 @@ OTHER_MEANINGS = {
 """Where a literal like a system's letter is none."""
 
 
+@functools.cache
+def walked(tree: ast.AST) -> tuple[ast.AST, ...]:
+    return tuple(ast.walk(tree))
+
+
+@functools.cache
 def texts(tree: ast.AST) -> list[str]:
     """All literals, those of f-strings by their parts, but for docstrings."""
     said = {
-        id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        id(node.value) for node in walked(tree) if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
     }
     return [
         node.value
-        for node in ast.walk(tree)
+        for node in walked(tree)
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in said
     ]
 
@@ -77,7 +83,7 @@ def letters(tree: ast.AST) -> set[str]:
 def questions(tree: ast.AST, classes: set[str]) -> list[str]:
     """Calls that ask what kind of constellation something is."""
     found = []
-    for node in ast.walk(tree):
+    for node in walked(tree):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
             if node.func.id not in ("isinstance", "issubclass", "hasattr", "getattr", "type"):
                 continue
@@ -105,7 +111,7 @@ def implementing() -> dict[str, list[str]]:
     """Classes of the package that fly satellites, with their modules."""
     found: dict[str, list[str]] = {}
     for name, tree in modules().items():
-        for node in ast.walk(tree):
+        for node in walked(tree):
             if isinstance(node, ast.ClassDef) and node.name != Constellation.__name__:
                 own = {part.name for part in node.body if isinstance(part, ast.FunctionDef)}
                 if {"clock", "state", "using_unhealthy"} <= own:
@@ -153,7 +159,7 @@ def test_the_finder_of_questions_finds(code: str, count: int) -> None:
 
 def test_constellations_have_names_of_their_own() -> None:
     classes = Counter(
-        node.name for tree in modules().values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)
+        node.name for tree in modules().values() for node in walked(tree) if isinstance(node, ast.ClassDef)
     )
     assert len(implementing()) > 5
     assert {name: classes[name] for name in (*implementing(), Constellation.__name__) if classes[name] > 1} == {}
