@@ -186,8 +186,8 @@ class Tree:
         if len(dims) != len(seen.shape):
             raise CorruptFile(f"{path}: its shape is not that of its dimensions")
         kept = {name: value for name, value in seen.attributes.items() if name not in _HIDDEN}
-        text = seen.id.get_type().get_class() == h5t.STRING
-        dtype = np.dtype(object) if text else seen.id.dtype
+        kind = seen.id.get_type()
+        dtype = np.dtype(object) if kind.get_class() == h5t.STRING else kind.dtype
         return Dataset(path, seen.shape, dtype, tuple(dims), kept)
 
     def _scales(self, path: str, seen: _PendingDataset, paths: dict[int, str]) -> list[str]:
@@ -201,8 +201,9 @@ class Tree:
         plain = kind.get_class() == h5t.VLEN and kind.get_super().equal(h5t.STD_REF_OBJ)
         if not plain or attribute.shape != (len(seen.shape),):
             raise CorruptFile(f"{path}: its dimensions are damaged")
-        found = []
-        for references in h5py.Dataset(seen.id).attrs["DIMENSION_LIST"]:
+        found, listed = [], np.empty(attribute.shape, kind.dtype)
+        attribute.read(listed)
+        for references in listed:
             if len(references) != 1:
                 raise CorruptFile(f"{path}: an axis has {len(references)} names")
             target = h5r.dereference(references[0], self._file.id)
@@ -225,13 +226,14 @@ class Tree:
         """An attribute: a number, an array, a text, or a list of texts."""
         kind = attribute.get_type()
         width = _width(kind, path, fixed=True)
-        count = math.prod(_shape(attribute.get_space(), path))
+        shape = _shape(attribute.get_space(), path)
+        count = math.prod(shape)
         if not 0 < count <= MOST_VALUES:
             raise CorruptFile(f"{path}: has {count} values")
         # texts may share their place in the file: their total size is known when they are read
         if kind.get_class() == h5t.STRING and count > 1 and count * self._source.size > _AT_ONCE:
             raise CorruptFile(f"{path}: has {count} texts")
-        values = np.empty(attribute.shape, attribute.dtype)
+        values = np.empty(shape, kind.dtype)
         attribute.read(values)
         flat = values.reshape(-1)
         if kind.get_class() == h5t.STRING:
