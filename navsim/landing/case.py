@@ -38,7 +38,7 @@ from navsim.simulation.first_order import FirstOrder, position_covariance
 from navsim.simulation.flight import Flight, InitialErrors
 from navsim.simulation.flight import prepare as prepare_flight
 from navsim.simulation.inertial_states import followed, gains_that_matter
-from navsim.simulation.landing import fly_runs
+from navsim.simulation.landing import Pushes, fly_runs
 from navsim.simulation.run import Run
 from navsim.simulation.shared_truth import SharedTruth, build_shared_truth
 from navsim.simulation.transmitter_errors import TransmitterBelief
@@ -191,12 +191,13 @@ class Case:
         return next(self.fly_runs(seed, run, 1)).one(0)
 
     def fly_runs(
-        self, seed: int, first: int, count: int, measured: bool = True, first_order: FirstOrder | None = None
-    ) -> Iterator[Run]:
-        """Runs first ... first + count - 1, in order, with their measurements or without, and with their first-order
-        errors if `first_order` is given; as many at a time as there are lanes."""
+        self, seed: int, first: int, count: int, measured: bool = True, first_order: FirstOrder | None = None,
+        pushes: Pushes | None = None,
+    ) -> Iterator[Run]:  # fmt: skip
+        """Runs first ... first + count - 1, in order, with their measurements or without, with their first-order
+        errors if `first_order` is given, and their `pushes`; as many at a time as there are lanes."""
         predicts = self.first_order if self.scenario.steered else None
-        return fly_runs(self.flight, seed, range(first, first + count), measured, first_order, predicts)
+        return fly_runs(self.flight, seed, range(first, first + count), measured, first_order, predicts, pushes)
 
     @cached_property
     def why_not_linear(self) -> str:

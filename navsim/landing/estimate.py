@@ -351,7 +351,7 @@ def _analysed(scenario: Landing, sources: SignalScenario, sizes: Extent) -> Budg
 def _pushed(scenario: Landing, sizes: Extent, runs: int, workers: int, remote: bool) -> Budget:
     """Runs that are pushed to the edge of a box."""
     workers = max(1, min(workers, -(-runs // BATCH)))
-    inputs = NUMBER * (6 * sizes.samples + 3 * sizes.epochs * sizes.sources + sizes.aided)
+    inputs = NUMBER * ((6 + sizes.deviating) * sizes.samples + 3 * sizes.epochs * sizes.sources + sizes.aided)
     # each worker's inputs are there before and after the push, slopes and shifts of three errors once
     pushes = inputs * (3 * WIDTH * workers + 6)
     flying = 2 * TASK_BYTES if remote else workers * flying_memory(scenario, sizes) + pushes

@@ -13,8 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navsim.compiler.lanes import WIDTH
+from navsim.filter import states
+from navsim.filter.records import TIME_TOLERANCE
 from navsim.landing import requirements
-from navsim.landing.case import Case
+from navsim.landing.case import MOVING, Case
 from navsim.landing.ensemble import (
     FAR_OFF,
     FLAW_PARTS,
@@ -22,6 +24,7 @@ from navsim.landing.ensemble import (
     at_heights,
     between_outputs,
     fix_flaws,
+    judged,
     of_aids,
     of_fixes,
     of_outputs,
@@ -44,8 +47,8 @@ from navsim.runner.findings import Flaws
 from navsim.runner.merge_state import pack
 from navsim.runner.statistics import weighted_share
 from navsim.simulation.along_truth import along_truth
-from navsim.simulation.importance_sampling import ProposalShifts, proposal_shifts, shift_inputs
-from navsim.simulation.landing import draw, fly_inputs
+from navsim.simulation.importance_sampling import AirShifts, ProposalShifts, PushedRuns, proposal_shifts, shift_inputs
+from navsim.simulation.landing import LOOP_TOLERANCE, draw, fly_inputs
 from navsim.simulation.landing_covariance import analyse
 from navsim.simulation.sensitivity import sensitivity
 from navsim.statistics.importance_sampling import FEW
@@ -71,16 +74,67 @@ def prepare(case: Case) -> LimitState:
     box = box_of(case)
     assert box is not None
     before, after, share = between_outputs(case, np.array([box.time]))
+    at_box = np.array([before[0], after[0]]), np.array([1.0 - share[0], share[0]])
     weights = np.zeros((3, case.shared.filter_time.size, 3))
-    turn = to_runway(case)
-    weights[:, before[0]] += (1.0 - share[0]) * turn
-    weights[:, after[0]] += share[0] * turn
+    for output, part in zip(*at_box, strict=True):
+        weights[:, output] += part * to_runway(case)
     along = along_truth(case.flight)
     analysis = analyse(case.flight, np.isin(case.shared.signals.names, case.pseudolites.names), along)
     mean = at_heights(case, [box.time], analysis.mean)[0]
+    air = None
+    if case.shared.dispersion is not None:
+        weights, positions = _off_route(case, box, at_box)
+        air = AirShifts.of(case.shared.dispersion, positions)
+        mean = air.mean + np.einsum("Kos,os->K", weights, analysis.mean[:, MOVING])
+        if case.scenario.box is not None and case.scenario.box.error == "touchdown":
+            mean[:2] += _touchdown_at_rest(case)[[2, 1]] - air.mean[:2]
     return LimitState(
-        box, proposal_shifts(case.flight, sensitivity(case.flight, along, weights), mean, box.lower, box.upper)
+        box, proposal_shifts(case.flight, sensitivity(case.flight, along, weights), mean, box.lower, box.upper, air)
     )
+
+
+def _touchdown_at_rest(case: Case) -> np.ndarray:
+    """Touchdown (4,) of a run that only the discrete gusts take off the route, see `Endings`."""
+    ways = case.shared.dispersion
+    assert ways is not None
+    out = ways.end.endings(ways.disturbance.at_rest).touchdown[:, 0]
+    if not np.isfinite(out).all():
+        raise ValueError("a run that is led by the discrete gusts alone never touches down")
+    return np.asarray(out)
+
+
+def _off_route(case: Case, box: ErrorBox, at_box: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """The box's errors of runs that leave the route, to first order: weights (3, o, 6) of the errors of the filter's
+    outputs, NED, and (3, k, 3) of the positions that runs are off the route, along path axes at the samples.
+
+    at_box: outputs beside the box, and their shares.
+    """
+    ways, section = case.shared.dispersion, case.scenario.box
+    assert ways is not None
+    assert section is not None
+    own, samples = np.zeros((3, case.shared.filter_time.size, 6)), ways.disturbance.time
+    positions, turn = np.zeros((3, samples.size, 3)), np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    times, shares = case.shared.filter_time[at_box[0]], at_box[1]
+    if section.error == "touchdown":
+        ended = _touchdown_at_rest(case)
+        times, shares = ended[:1], np.ones(1)
+        velocity = case.trajectory.path.jet(times)[0, 1]
+        later = -np.array([case.scenario.runway.rise, 0.0, 1.0]) / ended[3]  # a run that is higher flies on
+        turn = np.stack([turn[0] + velocity[1] * later, turn[1] + velocity[0] * later, np.zeros(3)])
+    else:
+        for output, share in zip(*at_box, strict=True):
+            own[:, output, states.SLICES["position"]] += share * to_runway(case)
+    if section.error == "navigation":
+        return own, positions
+    step = samples[1] - samples[0]
+    for time, share in zip(times, shares, strict=True):
+        first = min(int(np.searchsorted(samples, time + TIME_TOLERANCE, side="right")) - 1, samples.size - 2)
+        late = (time - samples[first]) / step
+        positions[:, first] += share * (1.0 - late) * turn
+        positions[:, first + 1] += share * late * turn
+    if ways.steered:
+        return ways.slopes_by_errors(positions), positions
+    return own if section.error == "total" else np.zeros_like(own), positions
 
 
 @dataclass(frozen=True)
@@ -98,17 +152,22 @@ class RareStudy:
         for begin in range(first, first + count, WIDTH):
             runs = range(begin, min(begin + WIDTH, first + count))
             components = [tilt.proposal.drawn(self.seed, run) for run in runs]
-            inputs, off = shift_inputs(case.flight, tilt, draw(case.flight, self.seed, runs), components)
-            flown = fly_inputs(case.flight, inputs, len(runs))
+            if tilt.air is None:
+                inputs, off = shift_inputs(case.flight, tilt, draw(case.flight, self.seed, runs), components)
+                flown = fly_inputs(case.flight, inputs, len(runs))
+            else:
+                pushes = PushedRuns(case.flight, tilt, self.seed)
+                (flown,), off = case.fly_runs(self.seed, begin, len(runs), False, pushes=pushes), pushes.off(runs)
             fixes, outputs = fix_flaws(flown, case.solvable, case.design), output_flaws(flown)
             rows.append(
                 {
-                    "error": at_heights(case, [self.edge.box.time], flown.error)[:, 0],
+                    "error": judged(case, [self.edge.box.time], flown)[:, 0],
                     "first_order": (tilt.mean[:, None] + off).T[: len(runs)],
                     "log_weight": tilt.proposal.log_weights(off)[: len(runs)],
                     "still": np.logical_not(tilt.proposal.shifts[components].any(axis=1)),
                     "fixes": np.sum(~np.isnan(flown.fix_llh[..., 0]), axis=1),
                     "aided_rejected": of_aids(case, flown)["aided_rejected"],
+                    **({"loop_gap": flown.loop_gap[:, 0]} if case.scenario.steered else {}),
                     **{f"fix_flaws_{part}": getattr(fixes, part) for part in FLAW_PARTS},
                     **{f"output_flaws_{part}": getattr(outputs, part) for part in FLAW_PARTS},
                 }
@@ -194,6 +253,8 @@ def findings(case: Case, edge: LimitState, flown: Ensemble) -> list[Finding]:
     told = [*case.warnings, *requirements.unevaluated_by_importance_sampling(case.scenario)]
     out = judging.notes(told) + of_fixes(case, fixes) + _rejections(case, fixes, flown)
     out += of_outputs(case, outputs)
+    if case.scenario.steered:
+        out += judging.open_loops(flown.per_run("loop_gap"), LOOP_TOLERANCE)
     (value, low, high), relative, effective = probability(edge, flown)
     if effective == 0.0:
         text = f"none of {several(flown.runs, 'run')} ended outside the box: its probability is below {high:.2g} (95 %)"

@@ -30,8 +30,8 @@ def box_limits(result: Result, axis: int) -> tuple[float, float] | None:
 
 
 def of_total(result: Result) -> bool:
-    """Whether a result has a box of total system errors."""
-    return "/summary/box/axis_gaussian" in result
+    """Whether a result has a box of total system errors, or of touchdowns."""
+    return "/summary/box/upper" in result and setting(result, "box", "error") != "navigation"
 
 
 def box_head(result: Result, flown: bool) -> str:

@@ -683,7 +683,7 @@ _BOX = Chapter(
     "importance sampling.",
     (
         _labels("/axis", _BOX_AXES, RARE, *RUNWAY_AXES),
-        _a("/rare/error", "run axis", "m", "position error at the height of the box, truth minus estimate", RARE),
+        _a("/rare/error", "run axis", "m", "error that the box limits, by `box.error`", RARE),
         _a("/rare/first_order", "run axis", "m", "the same error to first order, from all that was drawn", RARE),
         _a("/rare/log_weight", "run", "1",
            "natural logarithm of the density of the run's inputs over that which they were drawn from", RARE),

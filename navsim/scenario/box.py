@@ -30,8 +30,7 @@ class BoxSection(Section):
     error: Literal["navigation", "total", "touchdown"] = "navigation"
     """error that must stay inside: the filter's position error, or with total also the run's distance from its route.
     An aircraft that steers by its estimate ends there. touchdown: the place where the run meets the runway, from that
-    of the route, early or late by its error in height. `total` and `touchdown` are counted over runs that leave their
-    route"""
+    of the route, early or late by its error in height. `total` and `touchdown` are for runs that leave their route"""
     lateral_m: Limit = None
     """largest size of the error across the runway, or its limits to the left (below 0) and to the right"""
     along_m: Limit = None

@@ -428,16 +428,11 @@ class Landing(Section):
         if self.receiver.fix_states is not None:
             text = "a state of the fixes that changes at random is not Gaussian: use method monte-carlo"
             raise reject(text, "receiver", "fix_states")
-        if self.method == "rare" and (air := self.air()) is not None:
-            raise reject(
-                "method rare shifts sensor errors, not the trajectory; use method monte-carlo" + beside(air[1]),
-                *air[1][0],
-            )
         if self.beacons is not None and self.filter.beacons.second_order:
             text = "the covariance analysis is linear: use method monte-carlo"
             raise reject(text, "filter", "beacons", "second_order")
-        if self.box is not None and self.box.error != "navigation":
-            text = "the covariance analysis is of the route; use method monte-carlo, or `error: navigation`"
+        if self.box is not None and self.box.error != "navigation" and self.method == "covariance":
+            text = "the covariance analysis is of the route; use method rare or monte-carlo, or `error: navigation`"
             raise reject(text, "box", "error")
         if self.breaks_off:
             text = "covariance analysis and method rare have no alarms; use method monte-carlo, or height_m"

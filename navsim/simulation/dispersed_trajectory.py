@@ -22,7 +22,7 @@ from navsim.statistics.random_streams import generator
 from navsim.trajectory.air import Air
 from navsim.trajectory.broken_off import Endings, LandingEnd
 from navsim.trajectory.dispersion import Disturbance, PathDeviation, deviated
-from navsim.trajectory.guidance import GuidanceErrors
+from navsim.trajectory.guidance import GuidanceErrors, slopes_by_errors
 from navsim.trajectory.kinematics import EARTH_RATE, Frame, Motion, Trajectory
 
 
@@ -183,13 +183,30 @@ class Dispersion:
     def known(self, error: np.ndarray) -> GuidanceErrors:
         """Errors of the estimates that guidance has, from errors of position and velocity (o, 6, W), truth minus
         estimate, NED, m and m/s, at the filter's outputs."""
-        samples = self.disturbance.time
-        since = np.minimum(np.searchsorted(samples, self.at_filter.time - 1e-9), samples.size - 1)
         turn = self._to_path
         outputs, _, lanes = error.shape
         both = error.reshape(outputs, 2, 3, lanes)
         turned = [sum(turn[:, a, j, None, None] * both[:, :, j] for j in range(3)) for a in range(3)]
-        return GuidanceErrors.of(since, np.stack(turned, axis=2).reshape(error.shape))
+        return GuidanceErrors.of(self._since, np.stack(turned, axis=2).reshape(error.shape))
+
+    @property
+    def _since(self) -> np.ndarray:
+        """(o,) samples from which guidance has the filter's outputs."""
+        samples = self.disturbance.time
+        return np.minimum(np.searchsorted(samples, self.at_filter.time - 1e-9), samples.size - 1)
+
+    def slopes_by_errors(self, weights: np.ndarray) -> np.ndarray:
+        """Slopes (K, o, 6) of K sums of the positions of steered runs, by errors of the filter's outputs, NED.
+
+        weights: (K, k, 3) of the sums, of positions along path axes at the samples.
+        """
+        disturbance, out = self.disturbance, np.zeros((len(weights), self.at_filter.time.size, 6))
+        autopilot, step = disturbance.air.autopilot, float(disturbance.time[1] - disturbance.time[0])
+        assert autopilot is not None
+        unit = self.known(np.broadcast_to(np.eye(6), (self.at_filter.time.size, 6, 6)))
+        last = np.append(np.diff(self._since) > 0, True)  # of several outputs at a sample the last one counts
+        out[:, last] = slopes_by_errors(autopilot, unit, disturbance.course, disturbance.slope, step, weights)
+        return out
 
     def departure(
         self,
@@ -198,18 +215,19 @@ class Dispersion:
         lanes: int,
         known: GuidanceErrors | None = None,
         begin: np.ndarray | None = None,
+        shift: dict[int, np.ndarray] | None = None,
     ) -> PathDeviation:
         """Deviations of the runs from the route, in the first of so many lanes; further lanes repeat the last run.
 
         known: errors of the estimates that steer, None before they are known. begin: (W,) when they begin a go-around,
-        s, inf for none; None before it is known.
+        s, inf for none; None before it is known. shift: see `Disturbance.drawn`.
         """
         others = lanes - len(runs)
         rngs = {}
         for number in self.disturbance.walks:
             own = [generator(seed, run, "air", number) for run in runs]
             rngs[number] = (*own, *(own[-1] for _ in range(others)))
-        departure = self.disturbance.drawn(rngs, len(runs), lanes, known)
+        departure = self.disturbance.drawn(rngs, len(runs), lanes, known, shift)
         if begin is not None:
             departure = self.end.broken_off(departure, begin)
         for each in (departure.way, departure.turn, departure.gust):

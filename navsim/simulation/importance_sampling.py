@@ -22,14 +22,18 @@ Sources:
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from navsim.compiler.lanes import WIDTH
+from navsim.simulation.dispersed_trajectory import Dispersion
 from navsim.simulation.flight import Flight
-from navsim.simulation.landing import Inputs
-from navsim.simulation.sensitivity import Slopes, carried, deviations
+from navsim.simulation.landing import Inputs, draw
+from navsim.simulation.sensitivity import Slopes, by_scale, carried, deviations, of_aid
 from navsim.statistics.random_streams import generator
+from navsim.trajectory.dispersion import PathDeviation
 
 _FULL, _HALF = 0.8, 0.1
 """Shares of the runs that are shifted to a face, and halfway; the rest is not shifted."""
@@ -121,18 +125,114 @@ class ProposalShifts:
     mean: np.ndarray
     """(K,) of the errors to first order."""
     proposal: Proposal
+    air: AirShifts | None = None
+    """Of what moves aircraft off the route beside their estimates; None if all fly it."""
+
+
+@dataclass(frozen=True)
+class AirShifts:
+    """Shifts of the walks that move aircraft off the route, as their states."""
+
+    weights: np.ndarray
+    """(K, k, 3) of positions, along path axes at the samples, in the K errors."""
+    walks: dict[int, np.ndarray]
+    """(K, k, n) covariance of a walk's states times their slopes, by number of its stream."""
+    covariance: np.ndarray
+    """(K, K) of the errors by these walks."""
+    mean: np.ndarray
+    """(K,) errors where the walks are zero."""
+
+    @classmethod
+    def of(cls, ways: Dispersion, weights: np.ndarray) -> AirShifts:
+        """Those of errors that are sums of positions with weights (K, k, 3)."""
+        air, (count, samples) = ways.disturbance, weights.shape[:2]
+        sizes = {number: walk.start.shape[0] for number, walk in air.walks.items()}
+        at_rest = air.at_rest.way[:, :3]
+        walks, covariance = {}, np.zeros((count, count))
+        for number, n in sizes.items():
+            unit = {other: np.zeros((samples, m, n)) for other, m in sizes.items()}
+            unit[number] += np.eye(n)
+            rows = np.einsum("Kta,tan->Ktn", weights, air.of_states(unit, n).way[:, :3] - at_rest)
+            walks[number] = air.walks[number].carried(rows)
+            covariance += np.einsum("itn,jtn->ij", rows, walks[number])
+        return cls(weights, walks, covariance, np.einsum("Kta,taw->K", weights, at_rest))
+
+    def off(self, departure: PathDeviation) -> np.ndarray:
+        """Errors (K, W) off their mean of runs that nothing else takes off the route."""
+        return np.einsum("Kta,taw->Kw", self.weights, departure.way[:, :3]) - self.mean[:, None]
 
 
 def proposal_shifts(
-    flight: Flight, slopes: Slopes, mean: np.ndarray, lower: np.ndarray, upper: np.ndarray
+    flight: Flight, slopes: Slopes, mean: np.ndarray, lower: np.ndarray, upper: np.ndarray, air: AirShifts | None = None
 ) -> ProposalShifts:
     """The pushes for a box; slopes: of the K errors that it bounds; mean, lower, upper: see `proposal`, which raises
-    ValueError."""
+    ValueError; air: see `ProposalShifts`."""
     shifts = carried(flight, slopes)
     pairs = zip(slopes.members(), shifts.members(), strict=True)
     parts = [np.einsum("ki,li->kl", *(m.reshape(m.shape[0], -1) for m in pair)) for pair in pairs]
     covariance = np.sum(parts, axis=0)
-    return ProposalShifts(slopes, shifts, mean, proposal(mean, 0.5 * (covariance + covariance.T), lower, upper))
+    if air is not None:
+        covariance = covariance + air.covariance
+    return ProposalShifts(slopes, shifts, mean, proposal(mean, 0.5 * (covariance + covariance.T), lower, upper), air)
+
+
+@dataclass(frozen=True)
+class PushedRuns:
+    """Pushes of runs that leave the route: what is drawn shifts, whatever trajectory it leads to
+    (`landing.Pushes`)."""
+
+    flight: Flight
+    tilt: ProposalShifts
+    seed: int
+    kept: dict[tuple[int, ...], dict[int, np.ndarray]] = field(default_factory=dict)
+    """`walks` of runs that have flown: the same runs fly several times."""
+
+    def inputs(self, runs: Sequence[int], inputs: Inputs) -> Inputs:
+        """Inputs of runs, shifted."""
+        out = _shifted(self.tilt, inputs, self.components(runs))
+        ways, flown = self.flight.shared.dispersion, inputs.flown
+        if ways is None or flown is None:
+            return out
+        # errors that depend on the trajectory are those of the run's own
+        shared, slopes, pushes = self.flight.shared, self.tilt.slopes, self._each(runs)
+        increments = [
+            lanes + (own - exact[..., None]) * (triad.scale**2 * pushes @ by_scale(by, exact)).T
+            for triad, lanes, own, exact, by in (
+                (self.flight.gyro, out.dtheta, flown.dtheta, shared.dtheta, slopes.dtheta),
+                (self.flight.accel, out.dv, flown.dv, shared.dv, slopes.dv),
+            )
+        ]
+        aided = tuple(lanes.copy() for lanes in inputs.aided)
+        for aid, lanes, exact, by in zip(shared.aids, aided, inputs.aided_exact, slopes.aided, strict=True):
+            for lane, push in enumerate(pushes):
+                way = ways.of_run(flown, lane)
+                lanes[..., lane] += of_aid(aid, np.tensordot(push, by, 1)[None], exact[..., lane], way)[0]
+        return replace(out, dtheta=increments[0], dv=increments[1], aided=aided)
+
+    def walks(self, runs: Sequence[int]) -> dict[int, np.ndarray]:
+        """Shifts (k, n, W) of the states of the walks, by number of their stream."""
+        assert self.tilt.air is not None
+        if (key := tuple(runs)) not in self.kept:
+            pushes = self._each(runs)
+            self.kept[key] = {n: np.einsum("Ktn,wK->tnw", one, pushes) for n, one in self.tilt.air.walks.items()}
+        return self.kept[key]
+
+    def components(self, runs: Sequence[int]) -> list[int]:
+        """The component of each run."""
+        return [self.tilt.proposal.drawn(self.seed, run) for run in runs]
+
+    def off(self, runs: Sequence[int]) -> np.ndarray:
+        """Errors (K, W) of runs to first order, off their means: sums over all that they draw, with its shift."""
+        along, ways = self.flight.along_route, self.flight.shared.dispersion
+        assert self.tilt.air is not None
+        assert ways is not None
+        _, off = shift_inputs(along, self.tilt, draw(along, self.seed, runs), self.components(runs))
+        return off + self.tilt.air.off(ways.departure(self.seed, runs, WIDTH, shift=self.walks(runs)))
+
+    def _each(self, runs: Sequence[int]) -> np.ndarray:
+        """(W, K) pushes of runs; further lanes repeat the last."""
+        own = self.components(runs)
+        return self.tilt.proposal.shifts[[*own, *[own[-1]] * (WIDTH - len(own))]]
 
 
 def shift_inputs(
@@ -142,6 +242,12 @@ def shift_inputs(
 
     Lanes beyond the components are shifted like the last one. The true values of sensor states do not change.
     """
+    out = _shifted(tilt, inputs, components)
+    return out, tilt.slopes.times(deviations(flight, out))
+
+
+def _shifted(tilt: ProposalShifts, inputs: Inputs, components: list[int]) -> Inputs:
+    """Inputs of runs, each shifted by its component."""
     lanes = inputs.initial.shape[-1]
     each = np.array([*components, *[components[-1]] * (lanes - len(components))])
     pushes = tilt.proposal.shifts[each]
@@ -153,7 +259,7 @@ def shift_inputs(
     phases = None
     if inputs.phases is not None and shifts.phases is not None:
         phases = moved(inputs.phases, shifts.phases)
-    out = replace(
+    return replace(
         inputs,
         initial=moved(inputs.initial, shifts.initial),
         dtheta=moved(inputs.dtheta, shifts.dtheta),
@@ -163,4 +269,3 @@ def shift_inputs(
         phases=phases,
         aided=tuple(moved(a, s) for a, s in zip(inputs.aided, shifts.aided, strict=True)),
     )
-    return out, tilt.slopes.times(deviations(flight, out))

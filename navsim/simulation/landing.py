@@ -71,6 +71,7 @@ from navsim.simulation.run import MonitorOutput, Run
 from navsim.simulation.shared_truth import ClockErrors, SharedTruth, smoothed
 from navsim.statistics.random_streams import generator
 from navsim.trajectory.dispersion import PathDeviation
+from navsim.trajectory.guidance import GuidanceErrors
 
 
 @dataclass(frozen=True)
@@ -267,6 +268,16 @@ class Linear(Protocol):
         """Errors (o, 6, W) of runs; ranges: (e, s, W) as the receiver uses them."""
 
 
+class Pushes(Protocol):
+    """Shifts everything that runs draw (`simulation.importance_sampling`)."""
+
+    def inputs(self, runs: Sequence[int], inputs: Inputs) -> Inputs:
+        """Inputs of runs, shifted."""
+
+    def walks(self, runs: Sequence[int]) -> dict[int, np.ndarray]:
+        """Shifts (k, n, W) of the states of the air's walks, by number of their stream."""
+
+
 def fly(
     flight: Flight,
     seed: int,
@@ -288,12 +299,14 @@ def fly_runs(
     measured: bool = True,
     first_order: Linear | None = None,
     predicts: Linear | None = None,
+    pushes: Pushes | None = None,
 ) -> Iterator[Run]:
     """Landings numbered `runs` of the ensemble of `seed`, in order, WIDTH at a time.
 
     - measured: with their measurements.
     - first_order: computes their first-order errors, None if they are not requested.
     - predicts: computes the first-order errors that steer the first of their flights, None to begin along the route.
+    - pushes: shifts what they draw, None to leave it.
 
     Aircraft that their estimates steer, or that an alarm breaks off, fly until the loop closes. Guidance acts on the
     past alone. So each flight is right for longer than the one before, and one trajectory alone reproduces itself.
@@ -301,7 +314,8 @@ def fly_runs(
     packs, ways = [runs[i : i + WIDTH] for i in range(0, len(runs), WIDTH)], flight.shared.dispersion
     if ways is None or not ways.depends:
         for pack in packs:
-            inputs = draw(flight, seed, pack)
+            departure = None if ways is None else _departure(flight, seed, pack, pushes)
+            inputs = _drawn(flight, seed, pack, departure, None, pushes)
             yield _as_runs(flight, inputs, _filter(flight, inputs), len(pack), measured, first_order)
         return
     out: list[Run] = []
@@ -313,9 +327,9 @@ def fly_runs(
         """Runs of a pack, which of them have closed their loops, and the departures that their estimates command."""
         gap = np.full(WIDTH, np.inf)
         for last in reversed(range(flights)):
-            inputs = draw(flight, seed, pack, departure, noise)
+            inputs = _drawn(flight, seed, pack, departure, noise, pushes)
             filtered = _filter(flight, inputs)
-            now = _commanded(flight, seed, pack, inputs, filtered)
+            now = _commanded(flight, seed, pack, inputs, filtered, pushes)
             # a run whose loop is closed flies the same again, whoever flies beside it
             apart = np.abs(now.way[:, :3] - departure.way[:, :3]).reshape(-1, 3 * WIDTH)
             new = apart.max(axis=0).reshape(3, WIDTH).max(axis=0)
@@ -330,8 +344,8 @@ def fly_runs(
     for number, pack in enumerate(packs):
         known, noise = None, Noise.of(flight, seed, pack)
         if ways.steered and predicts is not None:
-            known = ways.known(_predicted(flight, seed, pack, noise, predicts))
-        made, closed, now = flown(pack, noise, ways.departure(seed, pack, WIDTH, known), TOGETHER)
+            known = ways.known(_predicted(flight, seed, pack, noise, predicts, pushes))
+        made, closed, now = flown(pack, noise, _departure(flight, seed, pack, pushes, known), TOGETHER)
         out.append(made)
         still_open += [_OpenRun(number, i, now.lane(i), TOGETHER) for i in np.flatnonzero(~closed).tolist()]
         while len(still_open) >= WIDTH or (still_open and number == len(packs) - 1):
@@ -357,7 +371,28 @@ class _OpenRun:
     flights: int
 
 
-def _commanded(flight: Flight, seed: int, runs: Sequence[int], inputs: Inputs, filtered: _Filtered) -> PathDeviation:
+def _drawn(
+    flight: Flight, seed: int, runs: Sequence[int], departure: PathDeviation | None, noise: Noise | None,
+    pushes: Pushes | None,
+) -> Inputs:  # fmt: skip
+    """Inputs of runs, see `draw`, with their pushes."""
+    inputs = draw(flight, seed, runs, departure, noise)
+    return inputs if pushes is None else pushes.inputs(runs, inputs)
+
+
+def _departure(
+    flight: Flight, seed: int, runs: Sequence[int], pushes: Pushes | None, known: GuidanceErrors | None = None,
+    begin: np.ndarray | None = None,
+) -> PathDeviation:  # fmt: skip
+    """Departures of runs from the route, see `Dispersion.departure`, with their pushes."""
+    ways = flight.shared.dispersion
+    assert ways is not None
+    return ways.departure(seed, runs, WIDTH, known, begin, None if pushes is None else pushes.walks(runs))
+
+
+def _commanded(
+    flight: Flight, seed: int, runs: Sequence[int], inputs: Inputs, filtered: _Filtered, pushes: Pushes | None
+) -> PathDeviation:
     """Departures that the estimates and alarms of runs command."""
     ways, known = flight.shared.dispersion, None
     assert ways is not None
@@ -365,13 +400,15 @@ def _commanded(flight: Flight, seed: int, runs: Sequence[int], inputs: Inputs, f
         errors = _of_runs(filtered.errors.errors.error[:, states.POS : states.ATT], WIDTH)
         known = ways.known(errors.transpose(1, 2, 0))
     begin = ways.begins(_monitored(flight, inputs, filtered, WIDTH).alerts) if ways.breaks_off else None
-    return ways.departure(seed, runs, WIDTH, known, begin)
+    return _departure(flight, seed, runs, pushes, known, begin)
 
 
-def _predicted(flight: Flight, seed: int, runs: Sequence[int], noise: Noise, linear: Linear) -> np.ndarray:
+def _predicted(
+    flight: Flight, seed: int, runs: Sequence[int], noise: Noise, linear: Linear, pushes: Pushes | None
+) -> np.ndarray:
     """First-order errors (o, 6, W) of runs, which do not depend on the trajectory: along the route."""
     along = flight.along_route
-    inputs = draw(along, seed, runs, None, noise)
+    inputs = _drawn(along, seed, runs, None, noise, pushes)
     return linear.errors(along, inputs, smoothed(along.shared, inputs.ranges, inputs.phases))
 
 

@@ -12,6 +12,7 @@ Missile Guidance, the chapters on the method of adjoints (what each error contri
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -67,7 +68,8 @@ def _rows(lanes: np.ndarray) -> np.ndarray:
 
 
 def sensitivity(flight: Flight, along: AlongTruth, weights: np.ndarray) -> Slopes:
-    """Slopes of K sums of position errors, NED, truth - estimate, by the inputs. weights: (K, o, 3) of the sums.
+    """Slopes of K sums of position errors, NED, truth - estimate, by the inputs. weights: (K, o, 3) of the sums, or
+    (K, o, 6) with those of velocity errors.
 
     Between events the slopes by velocity are taken as linear in time, those by attitude as a parabola.
     """
@@ -86,7 +88,7 @@ def sensitivity(flight: Flight, along: AlongTruth, weights: np.ndarray) -> Slope
         ahead, kind, row, w = bool(events.ahead[i]), int(events.kind[i]), events.row[i], steps.measurement[i]
         here = copied if ahead else own
         if kind == OUTPUT:
-            here[:, states.POS : states.POS + 3] += weights[:, row]
+            here[:, states.POS : states.POS + weights.shape[2]] += weights[:, row]
         elif w >= 0 and lin.have[w].any():
             there = np.flatnonzero(lin.have[w])
             by_innovation = here @ lin.gain[w][:, there]
@@ -177,18 +179,24 @@ def carried(flight: Flight, slopes: Slopes) -> Slopes:
         ranges,
         rates,
         phases,
-        tuple(_of_aid(aid, a) for a, aid in zip(slopes.aided, shared.aids, strict=True)),
+        tuple(of_aid(aid, a) for a, aid in zip(slopes.aided, shared.aids, strict=True)),
     )
 
 
-def _of_aid(aid: Aid, slopes: np.ndarray) -> np.ndarray:
-    """Covariance of a sensor's errors times their slopes (K, m, k)."""
+def of_aid(aid: Aid, slopes: np.ndarray, exact: np.ndarray | None = None, way: Any = None) -> np.ndarray:
+    """Covariance of a sensor's errors times their slopes (K, m, k), which belong to the route.
+
+    way: trajectory on which the errors act, with exact (m, k) measurements; None for the route.
+    """
+    white, effects = slopes * aid.sigma**2, aid.effects
+    if exact is not None and way is not None:
+        white, effects = slopes * aid.sigma * aid.sensor.noise_sigma(exact), aid.sensor.effects(way, aid.time)
     correlated = np.zeros_like(slopes)
-    for error, effect in zip(aid.sensor.errors, aid.effects, strict=True):
+    for error, effect, acting in zip(aid.sensor.errors, aid.effects, effects, strict=True):
         own = CorrelatedErrors((error.name,), np.array([error.time]), np.full((1, aid.time.size, 1), error.sigma))
         of_error = _of_correlated(own, aid.time, np.einsum("Kmk,mkc->Kmc", slopes, effect))
-        correlated += np.einsum("mkc,Kmc->Kmk", effect, of_error)
-    return np.asarray(slopes * aid.sigma**2 + correlated)
+        correlated += np.einsum("mkc,Kmc->Kmk", acting, of_error)
+    return np.asarray(white + correlated)
 
 
 def _of_correlated(correlated: CorrelatedErrors, time: np.ndarray, slopes: np.ndarray) -> np.ndarray:
@@ -230,10 +238,15 @@ def _of_triad(triad: Triad, slopes: np.ndarray, exact: np.ndarray, dt: float) ->
     if triad.fixed_bias is None:
         out += (triad.bias * dt) ** 2 * slopes.sum(axis=1, keepdims=True)
     if triad.scale > 0.0:
-        out += triad.scale**2 * exact * np.einsum("kti,ti->ki", slopes, exact)[:, None]
+        out += triad.scale**2 * exact * by_scale(slopes, exact)[:, None]
     for sigma, time in triad.markovs:
         out += _of_markov(sigma, time, slopes, dt)
     return out
+
+
+def by_scale(slopes: np.ndarray, exact: np.ndarray) -> np.ndarray:
+    """Slopes (K, 3) by scale factors, from those by increments (K, n, 3); exact: (n, 3) increments."""
+    return np.einsum("kti,ti->ki", slopes, exact)
 
 
 def _of_markov(sigma: float, time: float, slopes: np.ndarray, dt: float) -> np.ndarray:

@@ -132,14 +132,30 @@ class Disturbance:
         count: int,
         lanes: int,
         known: GuidanceErrors | None = None,
+        shift: dict[int, np.ndarray] | None = None,
     ) -> PathDeviation:
         """Departures of the first `count` of so many runs, W.
 
-        rngs: W generators for each of the walks. known: estimation errors of the autopilot, None: it has none.
+        rngs: W generators for each of the walks. known: estimation errors of the autopilot, None: it has none. shift:
+        added to the states (k, n, W) of the walks.
         """
+        states = {number: walk.drawn(rngs[number], count) for number, walk in self.walks.items()}
+        if shift is not None:
+            states = {number: own + shift[number] for number, own in states.items()}
+        return self.of_states(states, lanes, known)
+
+    @property
+    def at_rest(self) -> PathDeviation:
+        """Departure (one lane) of a run whose walks are zero: that of the discrete gusts."""
+        of_walks = ((number, walk.start.shape[0]) for number, walk in self.walks.items())
+        return self.of_states({number: np.zeros((self.time.size, n, 1)) for number, n in of_walks}, 1)
+
+    def of_states(
+        self, states: dict[int, np.ndarray], lanes: int, known: GuidanceErrors | None = None
+    ) -> PathDeviation:
+        """Departures of so many runs, W, by the states (k, n, W) of their walks; known: see `drawn`."""
         way, turn = np.zeros((self.time.size, 9, lanes)), np.zeros((self.time.size, 6, lanes))
         course, air = self.course, self.air
-        states = {number: walk.drawn(rngs[number], count) for number, walk in self.walks.items()}
         if air.lateral is not None:
             self._across(air.lateral, states[LATERAL], way, turn)
         if air.along is not None:

@@ -69,14 +69,49 @@ def steered(
     from navsim.compiler.lanes import in_lanes
     from navsim.trajectory.autopilot_kernels import steer  # compiled code only when something is really simulated
 
+    transition, drive, gain = _discrete(autopilot, step)
+    limits, rates = (np.array([getattr(c, name) for c in autopilot.channels]) for name in ("limit", "rate"))
+    steer(
+        step, known.first, in_lanes(known.along_course(course)), slope, gain, limits, rates, transition, drive,
+        course.right, course.ahead, course.airborne, course.slowness, pitches, in_lanes(way), in_lanes(turn),
+    )  # fmt: skip
+
+
+def _discrete(autopilot: Autopilot, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Transition (3, 4, 4) of the aircraft's motion over a sample, its drive (3, 4) by the command, gains (3, 2)."""
     both = np.zeros((3, 5, 5))
     for each, channel in zip(both, autopilot.channels, strict=True):
         each[:4, :4], each[:4, 4] = channel.aircraft
     both = exponential(both * step)
     gain = np.stack([channel.gain for channel in autopilot.channels])
-    limits, rates = (np.array([getattr(c, name) for c in autopilot.channels]) for name in ("limit", "rate"))
-    steer(
-        step, known.first, in_lanes(known.along_course(course)), slope, gain, limits, rates,
-        np.ascontiguousarray(both[:, :4, :4]), np.ascontiguousarray(both[:, :4, 4]), course.right, course.ahead,
-        course.airborne, course.slowness, pitches, in_lanes(way), in_lanes(turn),
-    )  # fmt: skip
+    return np.ascontiguousarray(both[:, :4, :4]), np.ascontiguousarray(both[:, :4, 4]), gain
+
+
+def slopes_by_errors(
+    autopilot: Autopilot, known: GuidanceErrors, course: Course, slope: np.ndarray, step: float, weights: np.ndarray
+) -> np.ndarray:
+    """Slopes (K, m, W) of K sums of the positions of a steered aircraft, by numbers on which its guidance's errors
+    depend: the adjoint of `steered` within its limits.
+
+    - known: errors per unit of W numbers.
+    - slope, step: see `steered`.
+    - weights: (K, k, 3) of the sums, of positions along path axes at the first k samples.
+    """
+    transition, drive, gain = _discrete(autopilot, step)
+    by_error = np.zeros((len(weights), known.first.size, 3, 2))
+    moved = np.zeros((len(weights), 3, 4))  # slopes by the motion
+    rows = np.searchsorted(known.first, np.arange(weights.shape[1]), side="right") - 1
+    for k in range(weights.shape[1] - 1, -1, -1):
+        asked = np.einsum("Kai,ai->Ka", moved, drive)
+        of_estimate = -asked[..., None] * gain
+        up = of_estimate[:, VERTICAL]
+        of_estimate[:, ALONG, 0] -= up[:, 0] * slope[0, k] + up[:, 1] * slope[1, k]
+        of_estimate[:, ALONG, 1] -= up[:, 1] * slope[0, k]
+        if rows[k] >= 0:
+            by_error[:, rows[k]] -= of_estimate
+        moved = np.einsum("aji,Kaj->Kai", transition, moved)
+        moved[..., :2] += of_estimate
+        moved[:, LATERAL, 0] += weights[:, k] @ course.right[0, k]
+        moved[:, ALONG, 0] += weights[:, k] @ course.ahead[0, k]
+        moved[:, VERTICAL, 0] -= weights[:, k, 2] * course.airborne[0, k]
+    return np.asarray(np.einsum("Kmai,maiw->Kmw", by_error, known.along_course(course)))

@@ -113,3 +113,16 @@ class Walk:
         out = np.zeros((self.which.size + 1, self.start.shape[0], len(rngs)))
         walk(rngs, count, self.transition, self.root, self.which, self.start, out)
         return out
+
+    def carried(self, weights: np.ndarray) -> np.ndarray:
+        """Covariance of the states times weights (K, k, n): where the states most likely are when sums of them with
+        these weights are off by their variances."""
+        later = weights.copy()
+        for t in range(self.which.size - 1, -1, -1):
+            later[:, t] += later[:, t + 1] @ self.transition[self.which[t]]
+        out = np.empty_like(weights)
+        out[:, 0] = later[:, 0] @ self.start @ self.start.T
+        for t, step in enumerate(self.which):
+            new = later[:, t + 1] @ self.root[step] @ self.root[step].T
+            out[:, t + 1] = out[:, t] @ self.transition[step].T + new
+        return out

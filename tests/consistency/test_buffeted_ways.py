@@ -214,12 +214,7 @@ def test_the_ground_ends_it() -> None:
         (("wind.gusts=[{amplitude_m_s: 0, towards: up, start_s: 1, ramp_s: 1}]",), "amplitude_m_s", "none"),
         (("wind.gusts=[{amplitude_m_s: 1, towards: up, start_s: 500, ramp_s: 1}]",), "start_s", "duration_s"),
         (("wind.response={drag: 0.1}",), "wind.response", "gusts"),
-        ((STRONG, "method=rare", "box={lateral_m: 3}"), "wind.turbulence", "monte-carlo"),
-        (
-            (STRONG, GUSTS, FTE, "method=rare", "box={lateral_m: 3}"),
-            "flight_technical_error",
-            "the same goes for wind.turbulence, wind.gusts",
-        ),
+        ((STRONG, "method=covariance", "box={lateral_m: 3, error: total}"), "box.error", "use method rare"),
     ],
 )
 def test_what_is_refused(settings: tuple[str, ...], key: str, said: str) -> None:
