@@ -472,7 +472,12 @@ def results(rows: Sequence[Row]) -> list[str]:
         for row in straight
         if row.degrees[0] > row.degrees[2] * (1.0 + 2.0 * row.heading[1])
     ]
-    over = [f"{row.study.label}: {row.share[0]:.2f} ± {row.share[1]:.2f} %" for row in own if row.share[0] > SHARE]
+    above_share = [row for row in own if row.share[0] > SHARE]
+    over = [
+        f"{row.study.label}: {row.share[0]:.2f} ± {row.share[1]:.2f} %"
+        for row in above_share
+        if row.share[0] - 2.0 * row.share[1] > SHARE
+    ]
     far = [f"{row.study.label}: {row.far} of {row.found.runs}" for row in own if row.far]
     better, rivalled = [], 0
     for row in own:
@@ -495,9 +500,9 @@ def results(rows: Sequence[Row]) -> list[str]:
         *listed(f"Cases in which fixes make the heading errors of `{DEFAULT}` larger (by 2 sigma)", above),
         "",
         f"**Large errors.** NEES of a consistent filter exceeds its 99.9 % limit in 0.1 %; this page allows {SHARE} %.",
-        f"In {len(over)} of {len(own)} cases `{DEFAULT}` exceeds it more often, so don't compute the probability of",
-        "rare errors from σ.",
-        *listed("Cases with more", over),
+        f"In {len(above_share)} of {len(own)} cases `{DEFAULT}` exceeds it more often, in {len(over)} of them by more",
+        "than chance (2 sigma of the sampling). Don't compute the probability of rare errors from σ.",
+        *listed("Cases with more than chance", over),
         "",
         *listed(f"Cases in which a run has a heading error beyond {FAR:g} σ", far),
         "",
@@ -517,7 +522,9 @@ def page() -> list[str]:
     figure([row for row in rows if row.study.label == "landing"], ROOT / "docs" / IMAGE)
     planned = RUNS * len(SEEDS)
     own, others = (
-        " or ".join(map(str, sorted({row.found.runs for row in rows if (row.kind == DEFAULT) == mine})))
+        " to ".join(
+            dict.fromkeys(str(f(row.found.runs for row in rows if (row.kind == DEFAULT) == mine)) for f in (min, max))
+        )
         for mine in (True, False)
     )
     state = "" if all(row.found.runs == planned for row in rows) else f"; {planned} are planned"
