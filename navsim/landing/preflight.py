@@ -25,6 +25,7 @@ from navsim.scenario.events import EventSection
 from navsim.scenario.integrity import IntegritySection
 from navsim.scenario.landing import Landing
 from navsim.scenario.requirements import INTEGRITY, PresetRequirement
+from navsim.scenario.site_clearance import check_sites
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario_files.base import DEG, KeyedError
 from navsim.scenario_files.presets import IMU_SHEETS
@@ -485,7 +486,7 @@ def modelled(scenario: Landing, document: Document) -> tuple[Moving, SignalScena
     trajectory, scenario = trajectory_of(scenario, document)
     if isinstance(scenario.approach, FileApproach):  # of others the scenario itself knows the track
         try:
-            scenario.check_sites(trajectory)
+            check_sites(scenario, trajectory)
         except KeyedError as error:
             raise InputError([Problem(document.place(error.path), dotted(error.path), str(error))]) from None
     return trajectory, *environment(scenario, document, trajectory)

@@ -53,6 +53,7 @@ from navsim.runner.findings import LANDING, among, marks, notes, without_fix
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import resolved_yaml
 from navsim.scenario.pseudolites import PseudolitesSection
+from navsim.scenario.site_clearance import pseudolite_sites
 from navsim.scenario_files.base import validated
 from navsim.scenario_files.source import Document, InputError, set_value
 from navsim.simulation.placement_geometry import Geometry
@@ -129,7 +130,7 @@ class SweepStudy:
             try:
                 section = PseudolitesSection.model_validate(base | settings)
                 moved = scenario.model_copy(update={"pseudolites": section})
-                site = moved.pseudolite_sites(self.plan.frame, self.plan.track)
+                site = pseudolite_sites(moved, self.plan.frame, self.plan.track)
             except ValueError:
                 continue
             rows["site"][i] = self.plan.in_plan(site)
