@@ -229,7 +229,7 @@ def environment(
     )
     _check_events(scenario, document, sources)
     warnings += _excluded_elsewhere(scenario, document, sources)
-    there = {*sources.systems, CLOCKS[pseudolites.clock] if pseudolites.names else ""}
+    there = {*sources.systems, CLOCKS[pseudolites.time_scale] if pseudolites.names else ""}
     if not scenario.receiver.single_clock and there & set(scenario.signals.system_offsets_ns):
         warnings.append(
             "signals.system_offsets_ns changes no position: a receiver with a clock unknown for each system does not "

@@ -116,12 +116,12 @@ def extent(scenario: Landing, sources: SignalScenario) -> Extent:
     """The numbers of a scenario under a sky."""
     size = simulation_size(scenario, sources)
     fixes, names = size.epochs, size.sources
-    clocks = {int(number) for group in sources.satellites for number in group.clock[group.chosen]}
+    clocks = {int(number) for group in sources.satellites for number in group.time_scale[group.chosen]}
     of_ground = len(sources.pseudolites.names)
     if sources.listed is not None:
-        clocks |= {int(number) for number in sources.listed.clock[sources.listed.chosen]}
+        clocks |= {int(number) for number in sources.listed.time_scale[sources.listed.chosen]}
     if of_ground:
-        clocks.add(sources.pseudolites.clock)
+        clocks.add(sources.pseudolites.time_scale)
     scales = 1 if sources.effects.single_clock else len(clocks)
     jamming = sources.jamming
     correlated = correlated_states(scenario, names // 2)  # about half of a sky is received

@@ -160,8 +160,8 @@ class PreflightChecks:
         times = int(find_lone_pseudolite(self.signals, len(self.environment.pseudolites.names)).sum())
         if not times:
             return []
-        clock = CLOCKS[self.environment.pseudolites.clock]
-        others = {CLOCKS[c] for c in self.signals.clock[self.signals.used.any(axis=0)]} - {clock}
+        clock = CLOCKS[self.environment.pseudolites.time_scale]
+        others = {CLOCKS[c] for c in self.signals.time_scale[self.signals.used.any(axis=0)]} - {clock}
         when, instead = f"at {times} of {self.signals.time.size} fixes", f"give `clock: {first_time_scale(others)}`"
         return [lone_pseudolite_warning(clock, when, instead)]
 
@@ -521,7 +521,7 @@ def fix_warnings(scenario: Landing, environment: SignalScenario, trajectory: Mov
 def _too_few(signals: Signals, tight: bool, more: int) -> np.ndarray:
     """Fix epochs (e,) bool with fewer sources than a fix has unknowns: three of position, one for each clock; tightly
     coupled, with none. more: further sources, on the clock of the others."""
-    clocks = [len(set(signals.clock[used].tolist())) for used in signals.used]
+    clocks = [len(set(signals.time_scale[used].tolist())) for used in signals.used]
     return np.asarray(signals.used.sum(axis=1) + more < (1 if tight else 3 + np.maximum(clocks, 1)))
 
 

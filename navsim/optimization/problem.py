@@ -364,7 +364,7 @@ def _with_power(
         beacons = BeaconGlide.of(scenario.beacons.model(scenario), trajectory, epochs)
     elif 1 in study.counts and (lone := int(geometry.find_lone_pseudolite(1).sum())):
         equal = "all positions of 1 pseudolite are equally good for fixes: " if lone == len(geometry.receiver) else ""
-        clock, when = CLOCKS[sources.pseudolites.clock], f"at {lone} of {len(geometry.receiver)} epochs"
+        clock, when = CLOCKS[sources.pseudolites.time_scale], f"at {lone} of {len(geometry.receiver)} epochs"
         warnings.append(equal + lone_pseudolite_warning(clock, when, FOLLOW))
     warnings += implausible(scenario, trajectory)
     if scenario.requirements and not study.constraints.requirements:

@@ -11,9 +11,9 @@ from pydantic import Field, model_validator
 from navsim.scenario.aiding_sensors import AidingSection, FilterAidingSection, Late
 from navsim.scenario.estimated_errors import watches_filter
 from navsim.scenario.events import SpoofSection
-from navsim.scenario.pseudolites import GroundAirSection, Site
 from navsim.scenario.signals import ClockNoise, Gain
 from navsim.scenario.terrain import terrain_of
+from navsim.scenario.transmitters import GroundAirSection, Site
 from navsim.scenario_files.base import DEG, ListOf, NonNegative, Section, Sigma, Signed, Triple, reject
 from navsim.scenario_files.presets import BEACON_LACKS, BEACON_PRESETS
 

@@ -340,7 +340,7 @@ class Landing(Section):
             ionosphere=None if signals.ionosphere is None else signals.ionosphere.model(),
             troposphere=None if signals.troposphere is None else signals.troposphere.model(),
             ground_air=None if section.air is None else section.air.model(self.runway.ellipsoidal_m),
-            space=None if space is None else space.model(),
+            signal_in_space=None if space is None else space.model(),
             correlated=signals.errors.models(),
             reference=None if station is None else station.model(pseudolites),
             loop=tracking.loop(),

@@ -394,7 +394,7 @@ def _findings(planned: Plan, found: Ensemble, outcome: np.ndarray) -> list[Findi
         out.append(Finding("input", text, (), count, warned.size))
     alone = found.per_run("alone")
     if alone.any():
-        clock, when = CLOCKS[planned.sources.pseudolites.clock], f"in {alone.sum()} of {alone.size} combinations"
+        clock, when = CLOCKS[planned.sources.pseudolites.time_scale], f"in {alone.sum()} of {alone.size} combinations"
         text = lone_pseudolite_warning(clock, when, FOLLOW)
         shared = planned.geometry
         equal = shared is not None and bool(shared.find_lone_pseudolite(1).all())

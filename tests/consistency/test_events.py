@@ -175,8 +175,8 @@ def test_of_the_code_only(event: dict[str, Any]) -> None:
     wrong = {"ramp": 2.0 * np.maximum(time - 10.0, 0.0), "step": np.where(time >= 10.0, 30.0, 0.0)}[event["what"]]
     told, truth = both[True].shared.signals, plain.shared.signals
     np.testing.assert_array_equal(told.range_rate, truth.range_rate)
-    np.testing.assert_allclose(told.delay[:, i] - truth.delay[:, i], wrong, atol=1e-9)
-    np.testing.assert_allclose(both[False].shared.signals.delay, told.delay, atol=1e-9)
+    np.testing.assert_allclose(told.range_bias[:, i] - truth.range_bias[:, i], wrong, atol=1e-9)
+    np.testing.assert_allclose(both[False].shared.signals.range_bias, told.range_bias, atol=1e-9)
     smoothed, expected = np.empty((3, time.size)), np.zeros(time.size)
     for row, c in zip(smoothed, (plain, both[False], both[True]), strict=True):
         row[:] = shared_truth.without_noise(c.shared)[0][:, i]

@@ -111,7 +111,7 @@ def test_believed_noise_is_what_it_was() -> None:
     s, run = c.shared.signals, 3
     drawn = generator(20263, run, "measurements").standard_normal((*s.range.shape, 2))
     ranges, rates = measurements.measured(c.shared, 20263, run)
-    expected = s.range + s.delay + c.shared.clock[:, :1] + s.sigma * drawn[..., 0]
+    expected = s.range + s.range_bias + c.shared.clock[:, :1] + s.sigma * drawn[..., 0]
     np.testing.assert_array_equal(ranges, np.where(s.used, expected, np.nan))
     expected = s.range_rate + c.shared.clock[:, 1:] + s.rate_sigma * drawn[..., 1]
     np.testing.assert_array_equal(rates, np.where(s.used, expected, np.nan))
@@ -149,7 +149,7 @@ def of_an_epoch(c: Case, e: int) -> tuple[np.ndarray, np.ndarray]:
     """Of a fix, by plain matrices: what whitened ranges do to the height (n,), and to the whitened residuals (n, n)."""
     s = c.shared.signals
     use = s.used[e]
-    clocks = s.clock[use][:, None] == np.unique(s.clock[use])
+    clocks = s.time_scale[use][:, None] == np.unique(s.time_scale[use])
     rows = np.concatenate([-s.los[e, use], clocks], axis=1) / s.fix_sigma[e, use][:, None]
     gain = np.linalg.inv(rows.T @ rows) @ rows.T
     return gain[2], np.eye(len(rows)) - rows @ gain
