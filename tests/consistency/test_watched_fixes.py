@@ -27,7 +27,7 @@ from navsim.report import figure_data
 from navsim.results.result import read
 from navsim.runner.statistics import share_interval
 from navsim.simulation import landing as simulation
-from navsim.simulation import measurements, shared_truth
+from navsim.simulation import measurements
 from navsim.simulation.run import MonitorOutput
 from tests.conftest import DATA
 from tests.helpers import SCENARIOS, case, in_brief
@@ -84,7 +84,7 @@ def test_separations_are_those_of_fixes_without_the_fault() -> None:
     """The largest difference of fixes by its threshold, each fault's sources really left out. Ranges are not linearised
     there, so errors are made small: ten metres beside a pseudolite 1 km away turn its direction by a hundredth."""
     c = brief(MHSS)
-    exact, rates = shared_truth.without_noise(c.shared)
+    exact, rates = measurements.without_noise(c.shared)
     measured = exact + 0.01 * (measurements.measured(c.shared, 5, 3)[0] - exact)
     lanes = in_all_lanes(measured)
     fixes = measurements.receiver_fixes(c.shared, lanes, in_all_lanes(rates))
@@ -109,7 +109,7 @@ def test_levels_of_a_landing_by_plain_matrices() -> None:
     c = brief(CHI2)
     monitor, s = c.flight.monitor, c.shared.signals
     assert monitor is not None
-    exact, _ = shared_truth.without_noise(c.shared)
+    exact, _ = measurements.without_noise(c.shared)
     for e in (0, 20, s.time.size - 1):
         _, _, rows = anew(c, exact, e)
         sigma = s.fix_sigma[e, s.used[e]]
