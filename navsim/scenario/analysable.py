@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from navsim.scenario.air import beside
 from navsim.scenario.filter import SMOOTHERS
 from navsim.scenario_files.base import reject
 

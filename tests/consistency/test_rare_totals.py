@@ -22,7 +22,7 @@ from navsim.simulation.along_truth import along_truth
 from navsim.simulation.importance_sampling import PushedRuns
 from navsim.simulation.landing import draw
 from navsim.simulation.landing_covariance import analyse
-from navsim.simulation.shared_truth import smoothed
+from navsim.simulation.measurements import smoothed
 from tests.consistency.test_rare_events import LINEAR
 from tests.helpers import case
 
