@@ -56,6 +56,7 @@ validate: $(STAMP)       ## the long statistical studies: tables in docs/; every
 	$(BIN)/python scripts/replays.py
 	$(BIN)/python scripts/replay_checks.py
 	$(BIN)/python scripts/rare_events.py
+	$(BIN)/python scripts/rare_totals.py
 	$(BIN)/python scripts/control_variates.py
 	$(BIN)/python scripts/recorded_approach.py
 	$(BIN)/python -m pytest -n 2 --long

@@ -28,6 +28,8 @@ class Kind:
     check: str = ""
     """Warnings about a file, which reads the files that it names as the job does (`runner.job.Check`); "" if the
     section checks everything."""
+    completed: str = ""
+    """Writes into the data of a file what it takes from results, before it is validated; "" if it takes nothing."""
     ensemble: str = ""
     """Verifies results by some of their runs (`runner.verification.EnsembleCheck`), "" for kinds without runs."""
 
@@ -35,7 +37,8 @@ class Kind:
 KINDS = {
     "landing": Kind(
         "run", "navsim.report.landing:VIEW", "navsim.scenario.landing:Landing", "navsim.landing.job:job",
-        check="navsim.landing.preflight:warnings_of", ensemble="navsim.landing.verification:check_ensemble",
+        check="navsim.landing.preflight:warnings_of", completed="navsim.replays.for_landings:completed",
+        ensemble="navsim.landing.verification:check_ensemble",
     ),
     "mls-elevation": Kind(
         "run", "navsim.companions.elevation.report:VIEW", "navsim.companions.elevation.scenario:Elevation",

@@ -14,8 +14,10 @@ from tests.forks import navsim
 EVIL = "<script>alert('title')</script>"
 _GLIDE = ("--set", "duration_s=65", "--set", "imu.rate_hz=20", "--set", "receiver.rate_hz=1")
 _QUIET = ("-q", "--figures", "none")
-_BEACONS = "beacons={sites: [{s_m: 60, l1_m: 150}, {s_m: -60, l1_m: 150, height_m: 12}, {s_m: 60, l1_m: -150, "\
-           "height_m: 12}, {s_m: -60, l1_m: -150}], rate_hz: 4, sigma_m: 0.1, range_limit_m: 1500}"
+_BEACONS = (
+    "beacons={sites: [{s_m: 60, l1_m: 150}, {s_m: -60, l1_m: 150, height_m: 12}, {s_m: 60, l1_m: -150, "
+    "height_m: 12}, {s_m: -60, l1_m: -150}], rate_hz: 4, sigma_m: 0.1, range_limit_m: 1500}"
+)
 _LIMITS = "integrity={method: chi2, limits: {hal_m: 40, val_m: 60, tta_s: 2}}"
 COMMANDS: dict[str, tuple[object, ...]] = {
     "one": ("run", SCENARIOS / "landing.yaml", *_GLIDE, *_QUIET),

@@ -23,6 +23,7 @@ from navsim.gnss.signals import Satellites, SignalScenario, time_scales
 from navsim.results import files
 from navsim.scenario.approach import FileApproach, TrackApproach
 from navsim.scenario.events import RangeSection
+from navsim.scenario.flyable import check_airspeed
 from navsim.scenario.landing import Landing
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario_files.base import DEG, KeyedError, hint
@@ -104,7 +105,7 @@ def trajectory_of(scenario: Landing, document: Document) -> tuple[Moving, Landin
         raise wrong(str(error)) from None
     if isinstance(moving, Trajectory):
         try:
-            scenario.check_airspeed(moving)
+            check_airspeed(scenario, moving)
         except KeyedError as error:
             raise InputError([Problem(document.place(error.path), dotted(error.path), str(error))]) from None
     pinned = approach.model_copy(update={"file_sha256": checksum})
@@ -228,7 +229,7 @@ def environment(
     )
     _check_events(scenario, document, sources)
     warnings += _excluded_elsewhere(scenario, document, sources)
-    there = {*sources.systems, CLOCKS[pseudolites.clock] if pseudolites.names else ""}
+    there = {*sources.systems, CLOCKS[pseudolites.time_scale] if pseudolites.names else ""}
     if not scenario.receiver.single_clock and there & set(scenario.signals.system_offsets_ns):
         warnings.append(
             "signals.system_offsets_ns changes no position: a receiver with a clock unknown for each system does not "

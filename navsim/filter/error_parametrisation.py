@@ -26,8 +26,8 @@ import numpy as np
 from navsim.compiler.jit import in_kernels
 from navsim.compiler.linear import copy
 from navsim.filter import eskf, left_invariant, tfg
+from navsim.filter.magnetometer_measurements import hard_iron
 from navsim.filter.measurement_kinds import AZIMUTH, BEACON, DISTANCE, ELEVATION, FIX, PRODUCT, RANGE, SOURCE
-from navsim.filter.measurement_models import hard_iron
 from navsim.filter.records import CONSTRAINED, ESKF, GAUSSIAN_SUM, LEFT_INVARIANT, TFG, FilterModel
 from navsim.filter.states import SENSORS
 

@@ -28,8 +28,9 @@ from navsim.filter.error_products import hold_position, predict_products, start_
 from navsim.filter.first_estimates import note_shift, start_transition
 from navsim.filter.history import as_error_registers, as_registers, clear_event, write_output
 from navsim.filter.interval import LONGEST, StepSums, accumulate_markov, add_step, allocate_sums, reset_sums, transition
+from navsim.filter.magnetometer_measurements import hard_iron
 from navsim.filter.measurement_kinds import BEACON, RANGE
-from navsim.filter.measurement_models import hard_iron, observe, slot
+from navsim.filter.measurement_models import observe, slot
 from navsim.filter.outliers import expects_outliers, is_lost, outlier_moments, widen
 from navsim.filter.range_update import (
     accumulate_range,

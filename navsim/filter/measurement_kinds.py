@@ -1,12 +1,12 @@
 """Kinds of measurements: the number of each kind, and the table that holds its measurements for the filter.
 
-Sources, numbered as in `measurement_models`:
+Sources:
 
-- [4] `docs/theory/lasting-errors.md`, sections 3 and 4.
-- [5] `docs/theory/magnetometer.md`.
-- [6] `docs/theory/beacons.md`.
-- [7] `docs/theory/ground-stations.md`.
-- [8] `docs/theory/ground.md`.
+- [1] `docs/theory/lasting-errors.md`, sections 3 and 4.
+- [2] `docs/theory/magnetometer.md`.
+- [3] `docs/theory/beacons.md`.
+- [4] `docs/theory/ground-stations.md`.
+- [5] `docs/theory/ground.md`.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ SOURCE = 9
 BEACON = 10
 """Kind of the ranges of beacons."""
 BEACON_STATES = 5
-"""Errors of a beacon: bias, growth of the bias, position along north, east, down [6]. The state of the error k of the
+"""Errors of a beacon: bias, growth of the bias, position along north, east, down [3]. The state of the error k of the
 beacon i has the axis `BEACON_STATES` i + k. Behind those of n beacons come offset and rate of the receiver's clock."""
 AZIMUTH, ELEVATION, DISTANCE = 11, 12, 13
-"""Kinds of the measurements of ground stations: two angles and a range [7]."""
+"""Kinds of the measurements of ground stations: two angles and a range [4]."""
 HEADING, VEHICLE_VELOCITY, REST_RATE = 14, 15, 16
-"""Kinds of headings, of velocities along the axes of a vehicle, and of the gyros' readings at rest [8]."""
+"""Kinds of headings, of velocities along the axes of a vehicle, and of the gyros' readings at rest [5]."""
 PRODUCT = 17
 """Kind of the states that are products of the position error (`error_products`), of no measurement."""
 KIND_COUNT = 1 + REST_RATE
@@ -52,7 +52,7 @@ class FixTable(NamedTuple):
     lever_arm: np.ndarray
     """(3,) IMU to antenna, body axes, m; the same in all lanes."""
     correlated: np.ndarray = np.empty((0, MAX_MEASUREMENT_SIZE, 0))
-    """(m, 6, k) effect of each of the filter's k time-correlated errors of fixes [4]; the same in all lanes."""
+    """(m, 6, k) effect of each of the filter's k time-correlated errors of fixes [1]; the same in all lanes."""
     transmitters: np.ndarray = np.empty((0, MAX_MEASUREMENT_SIZE, 0))
     """(m, 6, q) effect of each of the filter's q errors of transmitters; the same in all lanes."""
 
@@ -138,7 +138,7 @@ class PressureTable(NamedTuple):
 
 
 class MagneticTable(NamedTuple):
-    """Magnetic fields along the body axes, m of them, and the filter's model of the field [5]."""
+    """Magnetic fields along the body axes, m of them, and the filter's model of the field [2]."""
 
     field: np.ndarray
     """(m, 3) uT, nan if missing."""
@@ -162,7 +162,7 @@ class MagneticTable(NamedTuple):
 
 
 class BeaconTable(NamedTuple):
-    """Two-way ranges from an antenna to beacons, m of them, and the filter's model of n beacons [6]."""
+    """Two-way ranges from an antenna to beacons, m of them, and the filter's model of n beacons [3]."""
 
     range: np.ndarray
     """(m,) m, nan if missing."""
@@ -199,7 +199,7 @@ class BeaconTable(NamedTuple):
 
 
 class StationTable(NamedTuple):
-    """Angles or ranges of an antenna from a ground station, m of them [7]."""
+    """Angles or ranges of an antenna from a ground station, m of them [4]."""
 
     value: np.ndarray
     """(m,) rad or m, nan if missing."""
@@ -223,7 +223,7 @@ class StationTable(NamedTuple):
 
 
 class VehicleTable(NamedTuple):
-    """Headings, velocities along the axes of a vehicle, or readings of gyros at rest, m of them [8].
+    """Headings, velocities along the axes of a vehicle, or readings of gyros at rest, m of them [5].
 
     The states of a kind: the lasting error of a heading; of velocities, the rotation of the vehicle's axes (axes 0 to
     2) and the rest of the lever arm (3 to 5).
@@ -277,7 +277,7 @@ class RangeTable(NamedTuple):
     """See `FixTable`."""
     correlated: np.ndarray
     """(m, g) 1 sigma of the time-correlated errors that the filter estimates, m, for each of g groups of kinds. The
-    state with the axis g source + group is this error in sigmas [4]."""
+    state with the axis g source + group is this error in sigmas [1]."""
     transmitters: np.ndarray = np.empty((0, 2, 0))
     """(m, 2, q) effect of each of the filter's q errors of transmitters on the pseudorange and the range rate."""
 

@@ -24,8 +24,9 @@ from navsim.filter.covariance import gain, joseph
 from navsim.filter.error_parametrisation import correct, error_in_filter_coordinates, feed_back
 from navsim.filter.error_products import move_products, start_products
 from navsim.filter.eskf import between
+from navsim.filter.gnss_measurements import needs_relinearisation
 from navsim.filter.measurement_kinds import RANGE
-from navsim.filter.measurement_models import needs_relinearisation, observe
+from navsim.filter.measurement_models import observe
 from navsim.filter.update import copy_where_not, estimate_errors
 
 _MORE = 2

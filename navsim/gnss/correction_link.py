@@ -95,16 +95,16 @@ class LossesByRun:
     """(m, s) corrections of pseudoranges, m, nan for a satellite without one."""
     ionosphere: np.ndarray
     """(m, s) part of the ionosphere in them, m."""
-    space: np.ndarray | None
-    """(m, s, k) part of the drawn errors, as of `Signals.space`; None without."""
+    source_errors: np.ndarray | None
+    """(m, s, k) part of the drawn errors, as of `Signals.source_errors`; None without."""
     noise: np.ndarray
     """(s,) 1 sigma of the station's noise in the corrections of each source, m."""
 
     def select(self, kept: np.ndarray) -> LossesByRun:
         """Those of the sources marked in `kept` (s,) bool."""
-        space = None if self.space is None else self.space[:, kept]
+        source_errors = None if self.source_errors is None else self.source_errors[:, kept]
         delay, ionosphere = self.delay[:, kept], self.ionosphere[:, kept]
-        return replace(self, space=space, noise=self.noise[kept], delay=delay, ionosphere=ionosphere)
+        return replace(self, source_errors=source_errors, noise=self.noise[kept], delay=delay, ionosphere=ionosphere)
 
     def at(self, epochs: np.ndarray) -> LossesByRun:
         """Those at the epochs with these numbers (m,) int."""
@@ -126,8 +126,8 @@ class LossesByRun:
         def of(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             there = (rows >= 0)[:, None]
             delay = self.delay[rows]
-            if space is not None and self.space is not None:
-                delay = delay + np.einsum("esk,sk->es", self.space[rows], space)
+            if space is not None and self.source_errors is not None:
+                delay = delay + np.einsum("esk,sk->es", self.source_errors[rows], space)
             return np.where(there, delay, 0.0), np.where(there, self.ionosphere[rows], 0.0)
 
         (mine, part), (theirs, other) = of(rows), of(self.nominal)

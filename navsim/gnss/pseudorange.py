@@ -2,7 +2,7 @@
 
     pseudorange = range + receiver clock - source clock + ionosphere + troposphere + multipath + noise
 
-`Signals.delay` is the sum of the terms that do not change from run to run: clocks of the pseudolites, residual
+`Signals.range_bias` is the sum of the terms that do not change from run to run: clocks of the pseudolites, residual
 atmospheric delays, multipath. Sources: [1] Groves (2013), sections 8.5, 9.2. [2] `docs/theory/signals.md`, sections 1,
 4, 5.
 """
@@ -22,7 +22,7 @@ from navsim.gnss.pseudolite_clock import Transmitters, WanderingClocks
 
 _TRAVEL_TIME = 0.07
 _BY_SOURCE = (
-    "used", "position", "velocity", "range", "range_rate", "delay", "sigma", "rate_sigma", "los", "azimuth",
+    "used", "position", "velocity", "range", "range_rate", "range_bias", "sigma", "rate_sigma", "los", "azimuth",
     "elevation", "cn0", "divergence", "fix_sigma", "fix_rate_sigma",
 )  # fmt: skip
 """Fields of `Signals` by epoch and source that are always there."""
@@ -44,8 +44,8 @@ class Signals:
     """(e, 3) ECEF, m/s."""
     names: tuple[str, ...]
     """(s,)."""
-    clock: np.ndarray
-    """(s,) number of the clock unknown."""
+    time_scale: np.ndarray
+    """(s,) number of the time scale, each with its own clock unknown."""
     used: np.ndarray
     """(e, s) bool."""
     position: np.ndarray
@@ -56,7 +56,7 @@ class Signals:
     """(e, s) true, m."""
     range_rate: np.ndarray
     """(e, s) true, m/s."""
-    delay: np.ndarray
+    range_bias: np.ndarray
     """(e, s) deterministic errors of the pseudoranges after corrections, common to all runs, m; positive: too long."""
     sigma: np.ndarray
     """(e, s) 1 sigma of the range noise, m."""
@@ -72,13 +72,13 @@ class Signals:
     """(e, s) dB-Hz."""
     divergence: np.ndarray
     """(e, s) code minus carrier delay, m."""
-    space: np.ndarray | None
+    source_errors: np.ndarray | None
     """(e, s, 4) effect of one sigma of position and clock errors drawn for each run; None without. Satellites have
     errors of their messages, pseudolites those of survey and calibration."""
     correlated: CorrelatedErrors | None
     """Time-correlated errors drawn for each run, or None."""
     fix_sigma: np.ndarray
-    """(e, s) 1 sigma of the pseudoranges of fixes, due to all random errors except `space` of satellites."""
+    """(e, s) 1 sigma of the pseudoranges of fixes, due to all random errors except `source_errors` of satellites."""
     fix_rate_sigma: np.ndarray
     """(e, s) 1 sigma of the range rates of fixes, likewise."""
     smoothing: np.ndarray | None
@@ -92,7 +92,7 @@ class Signals:
     transmitters: Transmitters | None = None
     """Errors of pseudolites that last over a run; None without pseudolites."""
     reflections: ReflectionErrors | None = None
-    """Statistics of the reflection errors in `delay`, or None."""
+    """Statistics of the reflection errors in `range_bias`, or None."""
     correction_age: np.ndarray | None = None
     """(e,) age of the corrections for satellites, s, inf where none are in use; None without a station."""
     losses: LossesByRun | None = None
@@ -139,8 +139,8 @@ class Signals:
     def unfinished(self) -> list[tuple[str, str]]:
         """Names of source and field of numbers that are not finite although they should be."""
         out = []
-        for field in ("position", "velocity", "range", "range_rate", "delay", "sigma", "rate_sigma", "cn0",
-                      "divergence", "space", "fix_sigma", "fix_rate_sigma"):  # fmt: skip
+        for field in ("position", "velocity", "range", "range_rate", "range_bias", "sigma", "rate_sigma", "cn0",
+                      "divergence", "source_errors", "fix_sigma", "fix_rate_sigma"):  # fmt: skip
             values = getattr(self, field)
             if values is not None:
                 finite = np.isfinite(values).all(axis=tuple(range(2, values.ndim)))
@@ -151,7 +151,7 @@ class Signals:
         """Signals at the epochs with these numbers (m,) int."""
         each = {
             name: getattr(self, name)[epochs]
-            for name in ("time", "antenna", "antenna_velocity", *_BY_SOURCE, "space", "smoothing")
+            for name in ("time", "antenna", "antenna_velocity", *_BY_SOURCE, "source_errors", "smoothing")
             if getattr(self, name) is not None
         }
         correlated = None if self.correlated is None else self.correlated.at(epochs)
@@ -169,8 +169,8 @@ class Signals:
         return replace(
             self,
             names=tuple(name for name, stays in zip(self.names, kept, strict=True) if stays),
-            clock=self.clock[kept],
-            space=None if self.space is None else self.space[:, kept],
+            time_scale=self.time_scale[kept],
+            source_errors=None if self.source_errors is None else self.source_errors[:, kept],
             correlated=None if self.correlated is None else self.correlated.select(kept),
             reflections=None if self.reflections is None else self.reflections.select(kept),
             smoothing=None if self.smoothing is None else self.smoothing[:, kept],

@@ -1,7 +1,7 @@
 """Effects on signals between a satellite and a receiver, and the receiver's corrections.
 
 Delays here are those that remain in the pseudorange after the receiver's corrections, m. Delays common to all runs go
-to `Signals.delay`. Orbits and clocks of satellites are drawn for each run, so their effect is kept as sensitivities.
+to `Signals.range_bias`. Orbits and clocks of satellites are drawn for each run: their effect is kept as sensitivities.
 
 Sources: [1] IS-GPS-200 (Klobuchar). [2] Kaplan & Hegarty (2017), chapter 10 (errors and their sizes), 12 (differential
 corrections). [3] `docs/theory/signals.md`, sections 2, 4.
@@ -97,7 +97,7 @@ class Effects:
     ionosphere: Ionosphere | None = None
     troposphere: Troposphere | None = None
     ground_air: GroundAir | None = None
-    space: SignalInSpaceErrors | None = None
+    signal_in_space: SignalInSpaceErrors | None = None
     reference: DifferentialStation | None = None
     loop: dll.CodeLoop = STANDARD_LOOP
     thermal: bool = False
@@ -159,8 +159,8 @@ def propagation(
     return ionosphere + troposphere, ionosphere
 
 
-def space_sensitivity(
-    space: SignalInSpaceErrors, unit: np.ndarray, position: np.ndarray, velocity: np.ndarray
+def orbit_clock_sensitivity(
+    errors: SignalInSpaceErrors, unit: np.ndarray, position: np.ndarray, velocity: np.ndarray
 ) -> np.ndarray:
     """Change of the pseudoranges (e, s, 4), m, by one sigma of each orbit error and of the clock error.
 
@@ -171,8 +171,8 @@ def space_sensitivity(
     across /= np.linalg.norm(across, axis=2, keepdims=True)
     axes = np.stack([radial, np.cross(across, radial), across], axis=2)
     # a satellite assumed farther out than it is makes the pseudorange too short
-    orbit = -np.einsum("esi,esji->esj", unit, axes) * space.orbit
-    return np.concatenate([orbit, np.full((*orbit.shape[:2], 1), space.clock)], axis=2)
+    orbit = -np.einsum("esi,esji->esj", unit, axes) * errors.orbit
+    return np.concatenate([orbit, np.full((*orbit.shape[:2], 1), errors.clock)], axis=2)
 
 
 def directions_from(

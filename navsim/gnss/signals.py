@@ -25,7 +25,7 @@ from navsim.gnss.interference import propagation as interference
 from navsim.gnss.interference.horizon import Terrain, behind, horizon_dip, horizon_distance
 from navsim.gnss.interference.jamming import TEMPERATURE, Jamming, Received
 from navsim.gnss.pseudolite_clock import TransmitterErrors, Transmitters, WanderingClocks
-from navsim.gnss.signal_errors import NO_EFFECTS, Effects, directions_from, propagation, space_sensitivity
+from navsim.gnss.signal_errors import NO_EFFECTS, Effects, directions_from, orbit_clock_sensitivity, propagation
 from navsim.gnss.sky import Mask, azimuth_elevation, enu_matrix, unit_vector
 from navsim.trajectory.kinematics import Motion
 
@@ -35,29 +35,29 @@ _LISTED_RANGE = 20_000e3
 
 @dataclass(frozen=True)
 class Satellites:
-    """A constellation of n satellites, their names, clock numbers (n,) int, and which of them to use (n,) bool."""
+    """A constellation of n satellites, their names, time scales (n,) int, and which of them to use (n,) bool."""
 
     constellation: Constellation
     names: tuple[str, ...]
-    clock: np.ndarray
+    time_scale: np.ndarray
     chosen: np.ndarray
 
 
 @dataclass(frozen=True)
 class FixedDirectionSources:
-    """Sources in fixed directions: azimuth, elevation (s,) rad, clock (s,) int, chosen (s,) bool."""
+    """Sources in fixed directions: azimuth, elevation (s,) rad, time scale (s,) int, chosen (s,) bool."""
 
     names: tuple[str, ...]
     azimuth: np.ndarray
     elevation: np.ndarray
-    clock: np.ndarray
+    time_scale: np.ndarray
     chosen: np.ndarray
 
 
 def time_scales(satellites: Sequence[Satellites], listed: FixedDirectionSources | None) -> set[str]:
     """The time scales that chosen sources in the sky keep."""
     groups: list[Satellites | FixedDirectionSources] = [*satellites, *([] if listed is None else [listed])]
-    return {CLOCKS[number] for group in groups for number in group.clock[group.chosen]}
+    return {CLOCKS[number] for group in groups for number in group.time_scale[group.chosen]}
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,8 @@ class Pseudolites:
     """(p, 3) surveyed, rad, rad, m."""
     survey_error: np.ndarray
     """(3,) NED, true minus surveyed, m."""
-    clock: int
-    """Number of their clock."""
+    time_scale: int
+    """Number of their time scale."""
     delay: float
     """Effect of their clock offset on the pseudorange, m."""
     sigma: float
@@ -215,7 +215,7 @@ class SignalScenario:
     def systems(self) -> tuple[str, ...]:
         """System of each source (s,) by name: satellite system, clock of a listed direction, or `PSEUDOLITES`."""
         of_satellites = [group.constellation.system.name for group in self.satellites for _ in group.names]
-        of_listed = [] if self.listed is None else [CLOCKS[clock] for clock in self.listed.clock]
+        of_listed = [] if self.listed is None else [CLOCKS[clock] for clock in self.listed.time_scale]
         return (*of_satellites, *of_listed, *(PSEUDOLITES for _ in self.pseudolites.names))
 
     @property
@@ -248,7 +248,7 @@ class SignalScenario:
         """
         if self.effects.single_clock:
             return np.zeros(len(CLOCKS))
-        own = self.pseudolites.delay if CLOCKS[self.pseudolites.clock] == OWN else 0.0
+        own = self.pseudolites.delay if CLOCKS[self.pseudolites.time_scale] == OWN else 0.0
         return np.array(self.effects.offsets) + np.where(np.array(CLOCKS) == OWN, own, 0.0)
 
     @property
@@ -264,7 +264,7 @@ def find_lone_pseudolite(signals: pseudorange.Signals, pseudolites: int) -> np.n
     """
     if not pseudolites:
         return np.zeros(len(signals.used), bool)
-    same = signals.used[:, signals.clock == signals.clock[-1]].sum(axis=1)
+    same = signals.used[:, signals.time_scale == signals.time_scale[-1]].sum(axis=1)
     ground = signals.used[:, -pseudolites:].sum(axis=1)
     return np.asarray((same == 1) & (ground == 1) & (signals.used.sum(axis=1) > 1))
 
@@ -323,18 +323,18 @@ def build_signals(motion: Motion, utc: float, environment: SignalScenario) -> ps
         p, v = pseudorange.satellites_at_reception(group.constellation, when, antenna)
         v = pseudorange.apparent_velocity(p, v, antenna, antenna_velocity)
         for i, name in enumerate(group.names):
-            add(name, int(group.clock[i]), bool(group.chosen[i]), p[:, i], v[:, i], p[:, i])
+            add(name, int(group.time_scale[i]), bool(group.chosen[i]), p[:, i], v[:, i], p[:, i])
     if listed is not None:
         for i, name in enumerate(listed.names):
             direction = np.einsum("nji,j->ni", c_ue, unit_vector(listed.azimuth[i], listed.elevation[i]))
             p = antenna + _LISTED_RANGE * direction
             # the source keeps its direction: it moves along, without range rate
-            add(name, int(listed.clock[i]), bool(listed.chosen[i]), p, antenna_velocity, p)
+            add(name, int(listed.time_scale[i]), bool(listed.chosen[i]), p, antenna_velocity, p)
     for i, name in enumerate(pseudolites.names):
         surveyed = ecef_from_llh(pseudolites.llh[i])
         true = surveyed + ned_matrix(pseudolites.llh[i]).T @ pseudolites.survey_error
         still = np.zeros((e, 3))
-        add(name, pseudolites.clock, True, still + surveyed, still, still + true)
+        add(name, pseudolites.time_scale, True, still + surveyed, still, still + true)
 
     s = len(names)
     assumed = np.stack(position, axis=1) if s else np.empty((e, 0, 3))
@@ -358,13 +358,13 @@ def build_signals(motion: Motion, utc: float, environment: SignalScenario) -> ps
         antenna=antenna,
         antenna_velocity=antenna_velocity,
         names=tuple(names),
-        clock=np.array(clocks, dtype=np.int64),
+        time_scale=np.array(clocks, dtype=np.int64),
         used=used,
         position=assumed,
         velocity=speed,
         range=distance,
         range_rate=rate,
-        delay=np.broadcast_to(np.where(is_pseudolite, pseudolites.delay, 0.0), (e, s)).copy(),
+        range_bias=np.broadcast_to(np.where(is_pseudolite, pseudolites.delay, 0.0), (e, s)).copy(),
         sigma=np.where(is_pseudolite, pseudolites.sigma, sigma),
         rate_sigma=np.broadcast_to(np.where(is_pseudolite, pseudolites.rate_sigma, law.rate_sigma), (e, s)).copy(),
         los=los,
@@ -372,7 +372,7 @@ def build_signals(motion: Motion, utc: float, environment: SignalScenario) -> ps
         elevation=elevation,
         cn0=np.where(used, np.where(is_pseudolite, pseudolites.cn0, law.cn0), np.nan),
         divergence=np.zeros((e, s)),
-        space=None,
+        source_errors=None,
         correlated=None,
         fix_sigma=np.empty((e, s)),
         fix_rate_sigma=np.empty((e, s)),
@@ -389,7 +389,7 @@ def build_signals(motion: Motion, utc: float, environment: SignalScenario) -> ps
         scene = Scene(motion.time, built.names, environment.systems, assumed, speed, antenna, antenna_velocity, c_ne)
         effects = happened(environment.events, scene)
         built = replace(
-            built, used=used & ~effects.silent, delay=built.delay + effects.longer,
+            built, used=used & ~effects.silent, range_bias=built.range_bias + effects.longer,
             range_rate=built.range_rate + effects.faster, divergence=effects.apart,
         )  # fmt: skip
     finished = _affected(built, when, motion, environment, is_pseudolite)
@@ -413,10 +413,10 @@ def _affected(
     e, s = signals.range.shape
     sky = ~is_pseudolite
     used, los = signals.used.copy(), signals.los.copy()
-    delay, cn0, sigma = signals.delay.copy(), signals.cn0.copy(), signals.sigma.copy()
+    delay, cn0, sigma = signals.range_bias.copy(), signals.cn0.copy(), signals.sigma.copy()
     chip, ratio2 = environment.chips, (atmosphere.L1 / environment.carriers) ** 2
     air, ionosphere = propagation(effects, when, llh, signals.azimuth, signals.elevation, ratio2)
-    delay += np.where(sky, air, 0.0) + np.array(effects.offsets)[signals.clock]
+    delay += np.where(sky, air, 0.0) + np.array(effects.offsets)[signals.time_scale]
     ionosphere = np.where(sky, ionosphere, 0.0)
     away = signals.position - signals.antenna[:, None]
     distance = np.linalg.norm(away, axis=2)
@@ -424,10 +424,12 @@ def _affected(
         heights = pseudolites.llh[:, 2]
         delay[:, is_pseudolite] += effects.ground_air.delay(llh[:, 2:], heights, distance[:, is_pseudolite])
     space = None
-    if effects.space is not None:
+    if effects.signal_in_space is not None:
         space = np.zeros((e, s, 4))
         unit = away[:, sky] / distance[:, sky, None]
-        space[:, sky] = space_sensitivity(effects.space, unit, signals.position[:, sky], signals.velocity[:, sky])
+        space[:, sky] = orbit_clock_sensitivity(
+            effects.signal_in_space, unit, signals.position[:, sky], signals.velocity[:, sky]
+        )
     age, station_noise, losses = None, np.zeros((e, 1)), None
     if (station := effects.reference) is not None:
         # corrections of a reference station remove its own errors, at its position and some time ago
@@ -518,23 +520,23 @@ def _affected(
         fix_sigma = np.hypot(fix_sigma, correlated.total)
     return replace(
         signals,
-        clock=clock_unknowns(effects, signals.clock),
+        time_scale=clock_unknowns(effects, signals.time_scale),
         used=used,
         los=los,
-        delay=delay,
+        range_bias=delay,
         cn0=cn0,
         sigma=sigma,
         rate_sigma=rate_sigma,
         js=js,
         # the ionosphere delays the code as much as it advances the carrier
         divergence=2.0 * ionosphere + signals.divergence,
-        space=space,
+        source_errors=space,
         correlated=correlated,
         reflections=reflections,
         fix_sigma=fix_sigma,
         fix_rate_sigma=fix_rate_sigma,
         smoothing=smoothing,
-        offset=_drawn_offsets(environment, signals.clock),
+        offset=_drawn_offsets(environment, signals.time_scale),
         wandering=wandering,
         transmitters=None if not is_pseudolite.any() else Transmitters(
             is_pseudolite, pseudolites.errors, pseudolites.survey_error, pseudolites.delay
@@ -579,7 +581,7 @@ def _corrections(
     llh = effects.reference.llh
     delay, ionosphere = np.zeros((gpst.size, len(signals.names))), np.zeros((gpst.size, len(signals.names)))
     known, first = np.ones(delay.shape, bool), 0
-    space = None if effects.space is None else np.zeros((*delay.shape, 4))
+    space = None if effects.signal_in_space is None else np.zeros((*delay.shape, 4))
     place = np.broadcast_to(llh, (gpst.size, 3))
     for group in environment.satellites:
         here = slice(first, first + len(group.names))
@@ -587,19 +589,19 @@ def _corrections(
         unit, azimuth, elevation = directions_from(group.constellation, gpst, llh)
         delay[:, here], ionosphere[:, here] = propagation(effects, gpst, place, azimuth, elevation, ratio2[here])
         known[:, here] = np.isfinite(delay[:, here]) & np.isfinite(elevation)
-        if space is not None and effects.space is not None:
+        if space is not None and effects.signal_in_space is not None:
             position, velocity = signals.position[rows][:, here], signals.velocity[rows][:, here]
-            space[:, here] = space_sensitivity(effects.space, unit, position, velocity)
+            space[:, here] = orbit_clock_sensitivity(effects.signal_in_space, unit, position, velocity)
     if environment.listed is not None:
         here = slice(first, first + len(environment.listed.names))
         azimuth, elevation = signals.azimuth[rows][:, here], signals.elevation[rows][:, here]
         delay[:, here], ionosphere[:, here] = propagation(effects, gpst, place, azimuth, elevation, ratio2[here])
         known[:, here] = np.isfinite(delay[:, here])
-        if space is not None and effects.space is not None:
+        if space is not None and effects.signal_in_space is not None:
             away = signals.position[rows][:, here] - signals.antenna[rows][:, None]
             unit = away / np.linalg.norm(away, axis=2, keepdims=True)
-            space[:, here] = space_sensitivity(
-                effects.space, unit, signals.position[rows][:, here], signals.velocity[rows][:, here]
+            space[:, here] = orbit_clock_sensitivity(
+                effects.signal_in_space, unit, signals.position[rows][:, here], signals.velocity[rows][:, here]
             )
     return delay, ionosphere, space, known
 

@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from navsim.gnss.pseudorange import Signals
+from navsim.gnss.receiver_fixes import ReceiverFixes, range_residuals, solve_fixes
 from navsim.integrity import exclusion
-from navsim.integrity.fixes import ReceiverFixes, range_residuals, solved
 from navsim.integrity.monitoring import RMS, Monitoring, Snapshot, tested_levels
 
 STRETCH = 256
@@ -89,7 +89,7 @@ class Excluder:
         made: list[tuple[ReceiverFixes, np.ndarray, Snapshot]] = []
         for i, c in enumerate(tried):
             kept = np.where(self._candidates[c][:, None], np.nan, ranges)
-            fixes = solved(self.start, signals, kept, rates)
+            fixes = solve_fixes(self.start, signals, kept, rates)
             residual, error = range_residuals(signals, antenna, self.axes[part], kept, fixes.llh, fixes.clocks)
             monitor = self._monitor(number, int(c), signals)
             there = (taken[c] & monitor.tested)[:, None] & ~np.isnan(fixes.llh[:, 0])

@@ -37,9 +37,9 @@ def slopes(
     turning = (np.eye(3) - u[:, :, :, None] * u[:, :, None, :]) / distance[:, :, None, None]
 
     weight = np.where(here, s.fix_sigma, np.inf) ** -2.0
-    kept = np.unique(s.clock)
-    h = np.concatenate([-u, np.broadcast_to(s.clock[:, None] == kept, (e, n, kept.size))], axis=2)
-    residual = np.where(here, ranges - distance - clocks[:, s.clock], 0.0)
+    kept = np.unique(s.time_scale)
+    h = np.concatenate([-u, np.broadcast_to(s.time_scale[:, None] == kept, (e, n, kept.size))], axis=2)
+    residual = np.where(here, ranges - distance - clocks[:, s.time_scale], 0.0)
     normal, weighed = _normal(h, weight)
     normal[:, :3, :3] -= np.einsum("es,esij->eij", weight * residual, turning)
     by_range[:, :3] = np.linalg.solve(normal, weighed)[:, :3]

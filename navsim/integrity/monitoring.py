@@ -12,9 +12,9 @@ from typing import Any, Protocol, cast
 import numpy as np
 
 from navsim.gnss.pseudorange import Signals
+from navsim.gnss.receiver_fixes import ReceiverFixes
 from navsim.integrity import araim
 from navsim.integrity.araim import UP, Allocation, SeparationDistances, SeparationMonitor
-from navsim.integrity.fixes import ReceiverFixes
 from navsim.integrity.gbas_station import GbasStation
 from navsim.integrity.innovations import InnovationTest
 from navsim.integrity.residuals import ChiSquareTest, Monitor
@@ -207,7 +207,7 @@ def fix_of(signals: Signals) -> MonitoredFix:
 def _geometry(signals: Signals) -> tuple[np.ndarray, np.ndarray]:
     """Rows (e, s, u), and 1 sigma of ranges (e, s), m; values of unused sources are arbitrary."""
     los = np.where(signals.used[..., None], signals.los, 0.0)
-    return rows_of(los, signals.clock), np.where(signals.used, signals.fix_sigma, 1.0)
+    return rows_of(los, signals.time_scale), np.where(signals.used, signals.fix_sigma, 1.0)
 
 
 def _but(signals: Signals, names: Sequence[str]) -> Signals:

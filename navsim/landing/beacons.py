@@ -63,9 +63,11 @@ class BeaconGeometry:
     def dop_with_sources(self, signals: Signals) -> np.ndarray:
         """PDOP, HDOP, VDOP (e, 3) of beacons and sources of the fix together, at the same times."""
         if self.sensor.clock is None:
-            return mixed_dops(self.away, signals.los, signals.clock)
-        free = sorted({*range(MAX_CLOCKS)} - {*signals.clock[signals.used.any(axis=0)].tolist()})
-        return mixed_dops(self.away, signals.los, signals.clock, free[0]) if free else np.full_like(self.dop, np.nan)
+            return mixed_dops(self.away, signals.los, signals.time_scale)
+        free = sorted({*range(MAX_CLOCKS)} - {*signals.time_scale[signals.used.any(axis=0)].tolist()})
+        if not free:
+            return np.full_like(self.dop, np.nan)
+        return mixed_dops(self.away, signals.los, signals.time_scale, free[0])
 
     def images(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Height of the mirror image above the antenna (k,), m, and residual of the ranges there (k,), RMS, m, at some

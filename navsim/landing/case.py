@@ -24,6 +24,8 @@ from navsim.landing.faults import watching
 from navsim.landing.preflight import PreflightChecks, modelled
 from navsim.results.heights import height_m
 from navsim.results.schema import HEIGHTS, RMS_WINDOW
+from navsim.scenario.analysable import check_analysable
+from navsim.scenario.estimated_errors import about_correlated_errors, about_transmitter_errors
 from navsim.scenario.landing import Landing
 from navsim.scenario.requirements import ErrorRequirement, singles
 from navsim.scenario.signals import ClockNoise
@@ -204,7 +206,7 @@ class Case:
         """Reason why its runs have no first-order error; "" if they have one."""
         try:
             # a box limits total errors, of which those of navigation are a part
-            self.scenario.model_copy(update={"box": None}).check_analysable()
+            check_analysable(self.scenario.model_copy(update={"box": None}))
         except ValueError as error:
             return str(error)
         if self.scenario.beacons is not None and (key := self.scenario.beacons.irregular):
@@ -303,7 +305,7 @@ def _gains(scenario: Landing, shared: SharedTruth, gyro: Triad, accel: Triad) ->
 
 def _transmitters(scenario: Landing) -> TransmitterBelief | None:
     """Filter model of the errors of pseudolites, None without."""
-    how = scenario.about_transmitter_errors()
+    how = about_transmitter_errors(scenario)
     if not scenario.pseudolites.drawn or how == IGNORED:
         return None
     errors = scenario.pseudolites.errors(scenario.filter.pseudolites)
@@ -325,7 +327,7 @@ def _filter_design(scenario: Landing, shared: SharedTruth) -> tuple[FilterDesign
     sensors, correlated = followed(gyro, accel, _gains(scenario, shared, gyro, accel)), None
     if kinds := scenario.signals.errors.models():
         interval, step = 1.0 / scenario.receiver.rate_hz, 1.0 / scenario.imu.rate_hz
-        correlated = followed_errors(scenario.about_correlated_errors(), kinds, scenario.duration_s, interval)
+        correlated = followed_errors(about_correlated_errors(scenario), kinds, scenario.duration_s, interval)
         # those of ranges go by the sources that are received: `simulation.flight.prepare` adds them
         blocks = () if section.tight else fix_blocks(correlated, kinds, step)
         sensors = replace(sensors, blocks=(*sensors.blocks, *blocks), sigma=(*sensors.sigma, *(1.0 for _ in blocks)))

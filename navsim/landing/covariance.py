@@ -42,6 +42,7 @@ from navsim.runner.findings import (
     positive,
     tally,
 )
+from navsim.scenario.analysable import check_analysable
 from navsim.simulation.landing_covariance import Analysis, analyse, folded_quantile
 
 
@@ -56,7 +57,7 @@ def budget(analysis: Analysis) -> tuple[str, ...]:
 
 def covariance_analysis(case: Case) -> Analysis:
     """The analysis of a case. Raises ValueError for a smoother, AnalysisError for a defect of the analysis."""
-    case.scenario.check_analysable()
+    check_analysable(case.scenario)
     of_pseudolites = np.isin(case.shared.signals.names, case.pseudolites.names)
     return analyse(case.flight, of_pseudolites)
 

@@ -25,6 +25,7 @@ from navsim.runner.estimate import (
     WRITING,
     Budget,
 )  # fmt: skip
+from navsim.scenario.estimated_errors import correlated_states, gain_states, transmitter_states
 from navsim.scenario.filter import SMOOTHERS, SUM
 from navsim.scenario.landing import Landing
 from navsim.simulation.aiding import followed_errors, times_of
@@ -115,21 +116,23 @@ def extent(scenario: Landing, sources: SignalScenario) -> Extent:
     """The numbers of a scenario under a sky."""
     size = simulation_size(scenario, sources)
     fixes, names = size.epochs, size.sources
-    clocks = {int(number) for group in sources.satellites for number in group.clock[group.chosen]}
+    clocks = {int(number) for group in sources.satellites for number in group.time_scale[group.chosen]}
     of_ground = len(sources.pseudolites.names)
     if sources.listed is not None:
-        clocks |= {int(number) for number in sources.listed.clock[sources.listed.chosen]}
+        clocks |= {int(number) for number in sources.listed.time_scale[sources.listed.chosen]}
     if of_ground:
-        clocks.add(sources.pseudolites.clock)
+        clocks.add(sources.pseudolites.time_scale)
     scales = 1 if sources.effects.single_clock else len(clocks)
     jamming = sources.jamming
-    correlated = scenario.correlated_states(names // 2)  # about half of a sky is received
+    correlated = correlated_states(scenario, names // 2)  # about half of a sky is received
     sensors = scenario.aiding()
     watched = 0 if scenario.beacons is None else len(scenario.beacons.sites) + 1
     of_aids = [block.size for block, _ in followed_errors(sensors, 1.0 / scenario.imu.rate_hz)]
     return Extent(
         size.samples, fixes, names, scales,
-        scenario.filter.states(scales, scenario.gain_states + correlated + scenario.transmitter_states + sum(of_aids)),
+        scenario.filter.states(
+            scales, gain_states(scenario) + correlated + transmitter_states(scenario) + sum(of_aids)
+        ),
         sum(times_of(sensor, scenario.duration_s, scenario.imu.rate_hz).size for sensor in sensors),
         fixes * _waiting(scenario) * sum(sensor.rate for sensor in sensors),
         0 if scenario.integrity is None else fixes,
@@ -149,7 +152,7 @@ def extent(scenario: Landing, sources: SignalScenario) -> Extent:
         0 if scenario.receiver.fix_states is None else fixes,
         None if jamming is None else len(jamming.jammers) + (0 if jamming.pseudolites is None else of_ground),
         (correlated if scenario.filter.tight else 0)
-        + scenario.transmitter_states
+        + transmitter_states(scenario)
         + sum(size for size in of_aids if size < 3),
         fixes if scenario.draws_b_values else 0,
     )  # fmt: skip
@@ -195,7 +198,7 @@ def estimate_landing(
     if indicator_of(scenario) is not None:
         variables += 24
         result += 24 * NUMBER * runs
-    correlated = 0 if scenario.filter.tight else scenario.correlated_states(sizes.sources)
+    correlated = 0 if scenario.filter.tight else correlated_states(scenario, sizes.sources)
     if keep == "all" and correlated:
         result += NUMBER * MAX_MEASUREMENT_SIZE * sizes.epochs * correlated  # their effects on fixes
         variables += 2

@@ -13,6 +13,7 @@ import numpy as np
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.results.notes import CONSISTENT, SIGMA_WITH_BEACONS, Note
 from navsim.scenario.approach import PaperApproach, SmoothApproach, WaypointApproach
+from navsim.scenario.estimated_errors import about_transmitter_errors
 from navsim.scenario.landing import Landing
 from navsim.scenario_files.presets import BEACON_PRESETS, BEACON_UNVERIFIED
 from navsim.statistics.rounding import digits
@@ -145,7 +146,7 @@ def _free_clocks(scenario: Landing) -> Iterator[str]:
     excludes = monitor is not None and monitor.exclusion != "none"
     if scenario.filter.tight or not section.placed() or not (errors := section.errors()).wanders:
         return
-    if not excludes and scenario.about_transmitter_errors() != "none":
+    if not excludes and about_transmitter_errors(scenario) != "none":
         return
     cause = "integrity.exclusion" if excludes else "filter.fix_errors: none"
     begin, end = np.sqrt(errors.clock_covariance(np.array([0.0, scenario.duration_s]))[:, 0, 0])

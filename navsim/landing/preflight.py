@@ -25,6 +25,7 @@ from navsim.scenario.events import EventSection
 from navsim.scenario.integrity import IntegritySection
 from navsim.scenario.landing import Landing
 from navsim.scenario.requirements import INTEGRITY, PresetRequirement
+from navsim.scenario.site_clearance import check_sites
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario_files.base import DEG, KeyedError
 from navsim.scenario_files.presets import IMU_SHEETS
@@ -159,8 +160,8 @@ class PreflightChecks:
         times = int(find_lone_pseudolite(self.signals, len(self.environment.pseudolites.names)).sum())
         if not times:
             return []
-        clock = CLOCKS[self.environment.pseudolites.clock]
-        others = {CLOCKS[c] for c in self.signals.clock[self.signals.used.any(axis=0)]} - {clock}
+        clock = CLOCKS[self.environment.pseudolites.time_scale]
+        others = {CLOCKS[c] for c in self.signals.time_scale[self.signals.used.any(axis=0)]} - {clock}
         when, instead = f"at {times} of {self.signals.time.size} fixes", f"give `clock: {first_time_scale(others)}`"
         return [lone_pseudolite_warning(clock, when, instead)]
 
@@ -485,7 +486,7 @@ def modelled(scenario: Landing, document: Document) -> tuple[Moving, SignalScena
     trajectory, scenario = trajectory_of(scenario, document)
     if isinstance(scenario.approach, FileApproach):  # of others the scenario itself knows the track
         try:
-            scenario.check_sites(trajectory)
+            check_sites(scenario, trajectory)
         except KeyedError as error:
             raise InputError([Problem(document.place(error.path), dotted(error.path), str(error))]) from None
     return trajectory, *environment(scenario, document, trajectory)
@@ -520,7 +521,7 @@ def fix_warnings(scenario: Landing, environment: SignalScenario, trajectory: Mov
 def _too_few(signals: Signals, tight: bool, more: int) -> np.ndarray:
     """Fix epochs (e,) bool with fewer sources than a fix has unknowns: three of position, one for each clock; tightly
     coupled, with none. more: further sources, on the clock of the others."""
-    clocks = [len(set(signals.clock[used].tolist())) for used in signals.used]
+    clocks = [len(set(signals.time_scale[used].tolist())) for used in signals.used]
     return np.asarray(signals.used.sum(axis=1) + more < (1 if tight else 3 + np.maximum(clocks, 1)))
 
 

@@ -88,7 +88,7 @@ def _measurements(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
 
 def _receiver(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     s = case.shared.signals
-    clocks = sorted(set(s.clock[np.any(s.used, axis=0)].tolist()))
+    clocks = sorted(set(s.time_scale[np.any(s.used, axis=0)].tolist()))
     draft["/receiver/clock_name"] = np.array([CLOCKS[c] for c in clocks], dtype=object)
     draft["/receiver/position_llh"] = _history(ensemble, "fix_llh")
     draft["/receiver/velocity_ned"] = _history(ensemble, "fix_velocity")

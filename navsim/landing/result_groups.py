@@ -95,7 +95,7 @@ def _geometry(draft: ResultBuilder, case: Case) -> None:
     s = shared.signals
     draft["/geometry/time"] = s.time
     draft["/geometry/source"] = np.array(s.names, dtype=object)
-    draft.put("/geometry/clock", s.clock, {"clocks": ", ".join(CLOCKS)})
+    draft.put("/geometry/clock", s.time_scale, {"clocks": ", ".join(CLOCKS)})
     draft["/geometry/line_of_sight"] = s.los
     for i, name in enumerate(("gdop", "pdop", "hdop", "vdop", "tdop")):
         draft[f"/geometry/{name}"] = shared.dop[:, i]

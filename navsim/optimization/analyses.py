@@ -33,7 +33,6 @@ from navsim.optimization.scenario import LEVEL_OBJECTIVES
 from navsim.results.findings import Finding
 from navsim.results.schema import LARGE
 from navsim.scenario.beacons import BeaconsSection
-from navsim.scenario.pseudolites import Site
 from navsim.scenario.requirements import (
     AccuracyRequirement,
     AvailabilityRequirement,
@@ -41,6 +40,7 @@ from navsim.scenario.requirements import (
     ThresholdRequirement,
     singles,
 )
+from navsim.scenario.transmitters import Site
 from navsim.simulation.aiding import aids_of
 from navsim.simulation.landing_covariance import Analysis
 from navsim.trajectory.kinematics import Motion

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from navsim.optimization.best_placement import Found
+from navsim.optimization.evaluator import Evaluator
 from navsim.optimization.placement import ObjectiveFunction
 from navsim.optimization.problem import (
     PENALTY_CONSTRAINT,
@@ -13,7 +14,6 @@ from navsim.optimization.problem import (
     PlacementProblem,
     penalised,
 )
-from navsim.optimization.search import Evaluator
 
 BEARINGS = np.arange(0.0, 360.0, 45.0)
 """Directions in which the neighbourhood is explored, degrees from the landing direction, clockwise."""

@@ -10,12 +10,13 @@ from navsim.landing.confirmation import RUNS
 from navsim.landing.preflight import fix_warnings
 from navsim.landing.simulation_size import ANALYSED_MEMORY, SAMPLE_MEMORY, SIGNAL_MEMORY, simulation_size
 from navsim.optimization import study as optimize
+from navsim.optimization.evaluator import COARSE, FULL
 from navsim.optimization.flatness import MAP_POINTS
 from navsim.optimization.problem import PENALTY_REQUIREMENT, PlacementProblem, load_of, problem
 from navsim.optimization.progress import PREPARING, SearchMonitor, SearchProgress
 from navsim.optimization.scenario import DOP_OBJECTIVES, Optimize
-from navsim.optimization.search import CHUNK, COARSE, FULL
 from navsim.optimization.search_log import SearchLog
+from navsim.optimization.site_choice import CHUNK
 from navsim.results.result import Result, ResultKind
 from navsim.results.schema import LARGE, OBJECTIVE_QUANTITIES
 from navsim.runner.checkpoint import CheckpointStore

@@ -23,6 +23,7 @@ from navsim.optimization.costs import CostModel, Permitted
 from navsim.optimization.scenario import Constraints, Optimize, Strip, Surfaces
 from navsim.results import files
 from navsim.scenario.landing import Landing
+from navsim.scenario.site_clearance import track_of
 from navsim.scenario_files.base import DEG
 from navsim.scenario_files.source import Document, InputError, Place, Problem
 
@@ -214,7 +215,7 @@ def rules(study: Optimize, document: Document, scenario: Landing, receiver: np.n
         raise InputError([Problem(document.place(("constraints", "permission")), "constraints.permission", message)])
     return Rules(
         study.constraints.model_copy(update=sums), plane, scenario.runway.length_m, receiver,
-        scenario.track(trajectory), keep_out, permission, CostModel.of(study, power, tuple(areas["permission"])),
+        track_of(scenario, trajectory), keep_out, permission, CostModel.of(study, power, tuple(areas["permission"])),
     )  # fmt: skip
 
 

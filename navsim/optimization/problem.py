@@ -54,6 +54,7 @@ from navsim.optimization.scenario import (
 from navsim.results.findings import Finding
 from navsim.results.schema import HEIGHTS, LARGE, MET, MOST_LEVELS, RMS_WINDOW
 from navsim.runner.executor import threads
+from navsim.scenario.analysable import check_analysable
 from navsim.scenario.landing import Landing
 from navsim.scenario.requirements import ErrorRequirement, RmsRequirement, singles
 from navsim.scenario_files.base import KeyedError, validated
@@ -364,7 +365,7 @@ def _with_power(
         beacons = BeaconGlide.of(scenario.beacons.model(scenario), trajectory, epochs)
     elif 1 in study.counts and (lone := int(geometry.find_lone_pseudolite(1).sum())):
         equal = "all positions of 1 pseudolite are equally good for fixes: " if lone == len(geometry.receiver) else ""
-        clock, when = CLOCKS[sources.pseudolites.clock], f"at {lone} of {len(geometry.receiver)} epochs"
+        clock, when = CLOCKS[sources.pseudolites.time_scale], f"at {lone} of {len(geometry.receiver)} epochs"
         warnings.append(equal + lone_pseudolite_warning(clock, when, FOLLOW))
     warnings += implausible(scenario, trajectory)
     if scenario.requirements and not study.constraints.requirements:
@@ -389,7 +390,7 @@ def _with_power(
         errors = None
         if beacons is not None:
             with suppress(KeyedError):  # runs alone judge then
-                scenario.check_analysable()
+                check_analysable(scenario)
                 errors = partial(_errors, study, bare, document, kept.plane)
         return PlacementProblem(
             study, scenario, kept, geometry, objective, warnings, fly=fly, errors=errors, beacons=beacons

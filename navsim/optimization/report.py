@@ -464,7 +464,8 @@ def front(result: Result) -> Figure:
     fig = new_figure(COLUMN, 2.4)
     ax = fig.subplots()
     of = front_of(result)
-    ax.plot(of.x[of.line], of.value[of.line], "o-", color=COLOURS[0], ms=4)
+    ax.plot(of.x[of.line], of.value[of.line], "o-", color=COLOURS[0], ms=4,
+            label="by covariance analysis" if of.flown.size else None)  # fmt: skip
     others = np.setdiff1d(np.arange(of.x.size), of.line)
     if others.size:
         ax.plot(of.x[others], of.value[others], "o", color=COLOURS[0], mfc="white", ms=4, label="not on the front")

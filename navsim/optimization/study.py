@@ -20,6 +20,7 @@ from navsim.landing.confirmation import TOLERANCE, Candidate, Confirmation, conf
 from navsim.landing.requirements import statements
 from navsim.optimization.best_placement import Found, NoPlacement
 from navsim.optimization.costs import HALVINGS, Member, cheaper, on_front
+from navsim.optimization.evaluator import COARSE, FULL, GEOMETRY, Evaluator
 from navsim.optimization.flatness import (
     BEARINGS,
     LOSSES,
@@ -39,7 +40,7 @@ from navsim.optimization.problem import (
 )
 from navsim.optimization.progress import SearchMonitor, ShareUp, Step, TimeUp
 from navsim.optimization.scenario import BEACON_OBJECTIVES, Optimize, Surfaces
-from navsim.optimization.search import COARSE, FULL, GEOMETRY, Evaluator, search_one, steps
+from navsim.optimization.search import search_one, steps
 from navsim.optimization.search_log import SearchLog
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, kept

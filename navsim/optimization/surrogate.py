@@ -12,16 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.optimization.placement import ObjectiveFunction
-from navsim.optimization.problem import (
-    PENALTY_CONSTRAINT,
-    PENALTY_UNSOLVED,
-    Evaluated,
-    PlacementProblem,
-    penalised,
-)
+from navsim.optimization.problem import PENALTY_CONSTRAINT, PENALTY_UNSOLVED, Evaluated, PlacementProblem, penalised
 
 if TYPE_CHECKING:
-    from navsim.optimization.search import Evaluator
+    from navsim.optimization.evaluator import Evaluator
 
 _INITIAL_SAMPLES = 40
 """Placements the surrogate learns from at least."""

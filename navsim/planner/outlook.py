@@ -201,12 +201,12 @@ class Outlook:
             of = levels[:, 0 if name.startswith("hpl") else 1]
             return float(np.max(of, initial=0.0)) if np.isfinite(of).all() else np.inf
         if name.startswith("fix_"):
-            cofactor, _ = geometry_covariance(signals.los, signals.clock, 1.0 / signals.fix_sigma**2)
+            cofactor, _ = geometry_covariance(signals.los, signals.time_scale, 1.0 / signals.fix_sigma**2)
             variance = np.diagonal(cofactor, axis1=1, axis2=2)
             columns = [0, 1] if name == "fix_horizontal" else [2]
             values = np.sqrt(variance[:, columns].sum(axis=1))
         else:
-            values = dops(signals.los, signals.clock)[:, 1 + "phv".index(name[0])]
+            values = dops(signals.los, signals.time_scale)[:, 1 + "phv".index(name[0])]
         if not np.isfinite(values).all():
             return np.inf
         return float(values.max() if name.endswith("_max") else values.mean())
@@ -270,7 +270,7 @@ class Outlook:
             if used:
                 rest = los.copy()
                 rest[:, i] = np.nan
-                without = float(dops(rest, signals.clock)[:, 1].mean())
+                without = float(dops(rest, signals.time_scale)[:, 1].mean())
                 without = without if np.isfinite(without) else np.inf
             azimuth = float(np.degrees(signals.azimuth[middle, i]) % 360.0)
             out.append(Share(name, azimuth, elevation, used, name in ground, without))

@@ -18,6 +18,7 @@ from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
 from navsim.optimization.placement import RunwayPlane
 from navsim.scenario.approach import FileApproach
 from navsim.scenario.landing import Landing
+from navsim.scenario.site_clearance import check_sites
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario_files.base import DEG, KeyedError, utc_text, validated
 from navsim.scenario_files.rewrite import Rewritten, rewritten
@@ -47,7 +48,7 @@ class PlannedScenario:
         trajectory, scenario = trajectory_of(scenario, document)
         if isinstance(scenario.approach, FileApproach):  # of others the scenario itself has looked
             try:
-                scenario.check_sites(trajectory)
+                check_sites(scenario, trajectory)
             except KeyedError as error:
                 raise InputError([Problem(document.place(error.path), dotted(error.path), str(error))]) from None
         self.document, self.scenario, self.trajectory = document, scenario, trajectory

@@ -191,7 +191,7 @@ def _still_jamming(case: Case) -> list[str]:
 def _several_clocks(here: MonitoredGlide) -> list[str]:
     """Warning if capabilities and levels have different clock unknowns."""
     sources = np.concatenate([here.satellites, here.pseudolites])
-    clocks = np.unique(here.signals.clock[sources]).size
+    clocks = np.unique(here.signals.time_scale[sources]).size
     if clocks < 2:
         return []
     return [f"the sources keep {clocks} clocks, each an unknown of the fix; the table by rank assumes one clock"]

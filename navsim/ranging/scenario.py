@@ -7,8 +7,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from navsim.scenario.pseudolites import ClockModel
 from navsim.scenario.sky import Files
+from navsim.scenario.transmitters import ClockModel
 from navsim.scenario_files.base import (
     CorrelationTime,
     Latitude,

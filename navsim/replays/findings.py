@@ -102,7 +102,7 @@ def failed_prediction(result: Result) -> list[Finding]:
     said = [f"{verdict} for {' and '.join(of)}" for verdict, of in wrong.items() if of]
     if not said:
         return []
-    text = f"the prediction failed: {'; '.join(said)} (99.9 %, table \"Predicted from the part up to ...\")"
+    text = f'the prediction failed: {"; ".join(said)} (99.9 %, table "Predicted from the part up to ...")'
     against = (CONSISTENT,) if wrong[TOO_SMALL] or wrong[NOT_GAUSSIAN] else ()
     return [Finding("prediction", text, against, sum(map(len, wrong.values())), len(verdicts))]
 

@@ -196,9 +196,7 @@ def write_fixes(draft: ResultBuilder, flight: RecordedFlight) -> None:
     draft["/receiver/velocity_ned"] = flight.velocity
 
 
-def write_outages(
-    draft: ResultBuilder, recording: Recording, flight: RecordedFlight, settings: np.ndarray
-) -> None:
+def write_outages(draft: ResultBuilder, recording: Recording, flight: RecordedFlight, settings: np.ndarray) -> None:
     design = of_outages(recording.design(settings, FILTER_KINDS[recording.scenario.filter.kind]))
     fix_sigma, range_sigma = recording.fix_sigma(settings), recording.range_sigma(settings)
     rows = []

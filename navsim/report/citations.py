@@ -182,9 +182,7 @@ METHODS = (
         "reset of the covariance after a correction",
         _FILTER,
         ("mueller2017",),
-        _filter(
-            "eskf", "first-estimates", "observability-constrained", "left-invariant", "tfg", "gaussian-sum", "rts"
-        ),
+        _filter("eskf", "first-estimates", "observability-constrained", "left-invariant", "tfg", "gaussian-sum", "rts"),
     ),
     Method(
         "error-state filter with first-estimates Jacobians",

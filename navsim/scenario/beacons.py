@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from navsim.scenario.aiding_sensors import AidingSection, FilterAidingSection, Late
+from navsim.scenario.estimated_errors import watches_filter
 from navsim.scenario.events import SpoofSection
-from navsim.scenario.pseudolites import GroundAirSection, Site
 from navsim.scenario.signals import ClockNoise, Gain
 from navsim.scenario.terrain import terrain_of
+from navsim.scenario.transmitters import GroundAirSection, Site
 from navsim.scenario_files.base import DEG, ListOf, NonNegative, Section, Sigma, Signed, Triple, reject
 from navsim.scenario_files.presets import BEACON_LACKS, BEACON_PRESETS
 
@@ -55,9 +56,7 @@ class BeaconClock(ClockNoise):
         from navsim.gnss.pseudolite_clock import TransmitterErrors
 
         offset, rate = self.offset_sigma_us * 1e-6, self.drift_sigma_ppb * 1e-9
-        return TransmitterErrors(
-            offset=SPEED_OF_LIGHT * offset, rate=SPEED_OF_LIGHT * rate, density=self.densities()
-        )
+        return TransmitterErrors(offset=SPEED_OF_LIGHT * offset, rate=SPEED_OF_LIGHT * rate, density=self.densities())
 
 
 class BeaconAir(GroundAirSection):
@@ -194,7 +193,7 @@ class BeaconsSection(AidingSection):
             raise reject("method rare does not push this clock; use method monte-carlo", "beacons", "clock")
         if self.clock is None and landing.filter.beacons.clock is not None:
             raise reject("two-way ranges have no clock; give beacons.clock, too", "filter", "beacons", "clock")
-        if landing.watches_filter and self.air is not None and self.air.refractivity_sigma_n:
+        if watches_filter(landing) and self.air is not None and self.air.refractivity_sigma_n:
             text = "lasts, and levels of integrity.method filter treat errors as independent in time; use 0"
             raise reject(text, "beacons", "air", "refractivity_sigma_n")
         self._check_events(landing)

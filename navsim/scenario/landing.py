@@ -8,12 +8,12 @@ default of an optional key is there and nowhere else. Sections: `approach`, `sen
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from navsim.kinds import KINDS, named
 from navsim.scenario.aerodrome import with_published
 from navsim.scenario.aiding_sensors import (
     AidingSection,
@@ -24,9 +24,9 @@ from navsim.scenario.aiding_sensors import (
     RadioAltimeterSection,
 )
 from navsim.scenario.air import WindSection, beside
+from navsim.scenario.analysable import check_analysable
 from navsim.scenario.approach import (
     S_TURN_LASTS,
-    SLOWEST,
     FileApproach,
     PadApproach,
     PaperApproach,
@@ -38,11 +38,13 @@ from navsim.scenario.approach import (
 )
 from navsim.scenario.beacons import BeaconsSection
 from navsim.scenario.box import BoxSection
+from navsim.scenario.estimated_errors import check_correlated, check_fix_states, check_gains
 from navsim.scenario.events import AnyEvent, RangeSection
 from navsim.scenario.filter import SMOOTHERS, FilterSection
-from navsim.scenario.ground_stations import AzimuthStationSection, DmeSection, ElevationStationSection, StationSection
+from navsim.scenario.flyable import check_airspeed, check_speed, checked_path
+from navsim.scenario.ground_stations import AzimuthStationSection, DmeSection, ElevationStationSection
 from navsim.scenario.idle_keys import idle_keys
-from navsim.scenario.imu import Accelerometer, Gyro, Imu, assumed_sensor
+from navsim.scenario.imu import Imu, assumed_sensor
 from navsim.scenario.initial_errors import InitialErrorsSection
 from navsim.scenario.integrity import SMOOTHING_D, IntegritySection
 from navsim.scenario.interference import InterferenceSection
@@ -50,37 +52,24 @@ from navsim.scenario.pseudolites import PseudolitesSection
 from navsim.scenario.requirements import AnyRequirement
 from navsim.scenario.runway import Runway
 from navsim.scenario.signals import ClockNoise, ReceiverSection, SignalsSection
+from navsim.scenario.site_clearance import check_sites
 from navsim.scenario.sky import Sky
 from navsim.scenario.terrain import TerrainSection, terrain_of
-from navsim.scenario_files.base import (
-    DEG,
-    EndTime,
-    KeyedError,
-    ListOf,
-    Section,
-    Utc,
-    Version,
-    reject,
-)
+from navsim.scenario_files.base import DEG, EndTime, KeyedError, ListOf, Section, Utc, Version, reject
 
 if TYPE_CHECKING:
     import numpy as np
 
     from navsim.gnss.interference.horizon import Terrain
-    from navsim.gnss.pseudolite import Track
     from navsim.gnss.receiver import Receiver
     from navsim.gnss.signal_errors import Effects
     from navsim.gnss.signals import Pseudolites
     from navsim.scenario_files.source import Document
     from navsim.sensors.aiding import AidingSensor
     from navsim.trajectory.air import Air
-    from navsim.trajectory.kinematics import Frame, Moving, Trajectory
+    from navsim.trajectory.kinematics import Frame, Trajectory
     from navsim.trajectory.path import AnyPath, Path
     from navsim.trajectory.waypoints import Waypoint
-
-
-_WIND_STEP = 0.1
-"""Interval of the comparison of wind and airspeed, s."""
 
 
 class Landing(Section):
@@ -155,9 +144,11 @@ class Landing(Section):
     @classmethod
     def completed(cls, document: Document) -> Any:
         """The data with what it takes from results of replays. Raises InputError."""
-        from navsim.scenario.from_replay import completed
-
-        return completed(document)
+        data = document.data
+        sections = [data.get(key) for key in ("imu", "signals", "approach")] if isinstance(data, dict) else []
+        if not any(isinstance(section, dict) and section.keys() & {"from", "file"} for section in sections):
+            return data
+        return named(KINDS["landing"].completed)(document)
 
     @model_validator(mode="before")
     @classmethod
@@ -180,7 +171,7 @@ class Landing(Section):
             if given is not None:
                 assumed_sensor(getattr(self.imu, sensor), given).check(self.imu.rate_hz, "filter", "imu", sensor)
         self._checked_aiding()
-        self._check_correlated()
+        check_correlated(self)
         if self.signals.system_offset_sigma_ns > 0.0 and not self.receiver.single_clock:
             text = "a receiver with a clock unknown for each system does not notice: for `receiver.single_clock: true`"
             raise reject(text, "signals", "system_offset_sigma_ns")
@@ -190,13 +181,13 @@ class Landing(Section):
                 raise reject(text, "signals", "system_offsets_ns", name)
         if self.signals.troposphere is not None and self.sky.mask_deg <= 0.0:
             raise reject("the troposphere is modelled above the horizon only: must be above 0", "sky", "mask_deg")
-        self._check_fix_states()
+        check_fix_states(self)
         for i, ground in enumerate(self.terrain):
             if ground.height_above == "geoid" and self.runway.geoid_undulation_m is None:
                 text = "heights above the geoid need the geoid's own above the ellipsoid: give "
                 raise reject(f"{text}runway.geoid_undulation_m", "terrain", i, "height_above")
         if self.method != "monte-carlo":
-            self.check_analysable()
+            check_analysable(self)
         if self.method == "rare" and self.box is None:
             raise reject("method rare needs a box; give `box: {lateral_m: ..., vertical_m: ...}`", "box")
         if self.filter.clock is not None and not self.filter.tight:
@@ -287,11 +278,11 @@ class Landing(Section):
         if by_coordinates and self.runway.threshold is None:
             text = "waypoints by coordinates need the runway's: give runway.threshold instead of approach.start"
             raise reject(text, "approach", "points")
-        path = self._checked_path()
-        self._checked_speed(path)
+        path = checked_path(self)
+        check_speed(self, path)
         trajectory = self.trajectory()
-        self.check_airspeed(trajectory)
-        self.check_sites(trajectory)
+        check_airspeed(self, trajectory)
+        check_sites(self, trajectory)
         return self
 
     def _checked_aiding(self) -> None:
@@ -306,333 +297,14 @@ class Landing(Section):
                 raise reject(f"there is none: give `{given.needs}`", "filter", name)
         for section in self.aiding_sections().values():
             section.check(self)
-        self._checked_gains("scale_factors", "scale_ppm")
-        self._checked_gains("misalignments", "misalignment_mrad")
-
-    def _checked_gains(self, name: str, key: str) -> None:
-        """Check that a filter that estimates gains of the inertial sensors (its key `name`) has their sigmas, from
-        `key`."""
-        sensors = ("gyro", "accelerometer")
-        design = [(s, part) for s in sensors if (part := getattr(self.filter.imu, s)) is not None]
-        given = {s: value for s, part in design if (value := getattr(part, key)) is not None}
-        if getattr(self.filter, name):
-            if not self._known_gains(key):
-                text = f"there are none: give imu.gyro.{key}, imu.accelerometer.{key}, or those of filter.imu"
-                raise reject(text, "filter", name)
-        elif given:
-            raise reject(f"is for `filter.{name}: true`", "filter", "imu", next(iter(given)), key)
-
-    def _known_gains(self, key: str) -> int:
-        """Number of inertial sensors with a gain, by `key`, in the filter model."""
-        truth: list[Gyro | Accelerometer] = [self.imu.gyro, self.imu.accelerometer]
-        given: list[Gyro | Accelerometer | None] = [self.filter.imu.gyro, self.filter.imu.accelerometer]
-        sizes = (getattr(t if g is None else assumed_sensor(t, g), key) for t, g in zip(truth, given, strict=True))
-        return sum(bool(size) for size in sizes)
-
-    @property
-    def gain_states(self) -> int:
-        """Largest number of gains of the inertial sensors that the filter estimates: by default only large ones."""
-        scales = 0 if self.filter.scale_factors is False else 3 * self._known_gains("scale_ppm")
-        return scales + (0 if self.filter.misalignments is False else 6 * self._known_gains("misalignment_mrad"))
-
-    def _check_correlated(self) -> None:
-        """Check the filter's handling of time-correlated errors."""
-        watched = self.watches_filter
-        drawn = self.pseudolites.drawn
-        lasts = "is not possible with {}, which lasts: its levels treat errors as independent in time; use {}mhss"
-        if watched and drawn:
-            raise reject(lasts.format(f"pseudolites.{drawn[0]}", ""), "integrity", "method")
-        for name, section in self.aiding_sections().items() if watched else ():
-            if key := section.error_without_state(self):
-                way = f"filter.{name}.errors: states, or "
-                raise reject(lasts.format(f"{name}.{key}", way), "integrity", "method")
-        if not self.signals.errors.models():
-            reflected = self.pseudolites.multipath is not None and self.pseudolites.placed()
-            if self.filter.fix_errors == "states" and reflected:
-                raise reject("reflections are no states; use inflate or none", "filter", "fix_errors")
-            if self.filter.fix_errors is not None and not reflected and not drawn:
-                text = "there are none: give signals.errors, a signals.preset that has them, or errors of pseudolites"
-                raise reject(text, "filter", "fix_errors")
-            if self.filter.fix_errors != "states" or not drawn:
-                return
-        if self._excludes_fixes and self.about_correlated_errors() == "states":
-            text = "after an exclusion fixes have other errors than those that the states follow; use inflate"
-            raise reject(text, "filter", "fix_errors")
-        if watched and not (self.filter.tight and self.about_correlated_errors() == "inflate"):
-            text = "levels of the filter treat errors of fixes as independent in time; use mhss"
-            also = ", or `coupling: tight` with `fix_errors: inflate`"
-            raise reject(text + also, "integrity", "method")
-
-    @property
-    def watches_filter(self) -> bool:
-        """Whether the monitor is one of the filter."""
-        return self.integrity is not None and self.integrity.method == "filter" and self.method != "rare"
-
-    def about_correlated_errors(self) -> Literal["states", "inflate", "none"]:
-        """The filter's handling of time-correlated ranging errors, if there are any."""
-        return self.filter.fix_errors or ("inflate" if self.filter.tight and self.watches_filter else "states")
-
-    @property
-    def _excludes_fixes(self) -> bool:
-        """Whether fixes may be made without some of their sources."""
-        excludes = self.integrity is not None and self.integrity.exclusion != "none"
-        return excludes and not self.filter.tight and not self.watches_filter
-
-    def about_transmitter_errors(self) -> Literal["states", "inflate", "none"]:
-        """The filter's handling of the errors of pseudolites that are drawn; with exclusion fixes have other errors
-        than states would follow."""
-        return self.filter.fix_errors or ("inflate" if self._excludes_fixes else self.about_correlated_errors())
+        check_gains(self, "scale_factors", "scale_ppm")
+        check_gains(self, "misalignments", "misalignment_mrad")
 
     @property
     def draws_b_values(self) -> bool:
         """Whether each run draws the B values of a ground station."""
         section = None if self.integrity is None else self.integrity.comparison
         return section is not None and section.gbas is not None and section.gbas.drawn
-
-    def correlated_states(self, sources: int) -> int:
-        """Number of states for time-correlated errors of fixes, or of the ranges of so many sources."""
-        from navsim.gnss.correlated_errors import SUMS
-
-        if self.about_correlated_errors() != "states":
-            return 0
-        groups = len({kind.time >= self.duration_s for kind in self.signals.errors.models()})
-        return groups * (sources if self.filter.tight else SUMS)
-
-    @property
-    def transmitter_states(self) -> int:
-        """Number of states for errors of pseudolites."""
-        if not self.pseudolites.drawn or self.about_transmitter_errors() != "states":
-            return 0
-        errors = self.pseudolites.errors(self.filter.pseudolites)
-        each = 3 * (errors.survey > 0.0) + (errors.bias > 0.0) + errors.clock_states
-        return each * len(self.pseudolites.placed())
-
-    def _check_fix_states(self) -> None:
-        """Check that fixes with a state have errors of their own alone, and a filter that uses fixes."""
-        if self.receiver.fix_states is None:
-            if self.filter.fix_flag != "believe":
-                raise reject("fixes have no flag: give `receiver.fix_states`", "filter", "fix_flag")
-            return
-        if self.filter.tight:
-            text = "its ambiguities are not modelled, so ranges have no state: for `filter.coupling: loose`"
-            raise reject(text, "receiver", "fix_states")
-        if self.signals.errors.models() or self.pseudolites.drawn or self.pseudolites.multipath is not None:
-            text = "fixes with a state have the errors of their state: leave out signals.errors, signals.preset, and"
-            raise reject(f"{text} drawn errors and multipath of pseudolites", "receiver", "fix_states")
-        if self.integrity is not None and (self.integrity.method == "filter" or self.integrity.exclusion != "none"):
-            text = "levels and exclusions are those of fixes from ranges; use method mhss or chi2, without exclusion,"
-            raise reject(f"{text} with `innovations` to watch fixes with a state", "integrity", "method")
-
-    def check_analysable(self) -> None:
-        """Raise for scenarios that the covariance analysis cannot handle."""
-        if self.receiver.fix_states is not None:
-            text = "a state of the fixes that changes at random is not Gaussian: use method monte-carlo"
-            raise reject(text, "receiver", "fix_states")
-        if self.beacons is not None and self.filter.beacons.second_order:
-            text = "the covariance analysis is linear: use method monte-carlo"
-            raise reject(text, "filter", "beacons", "second_order")
-        if self.box is not None and self.box.error != "navigation" and self.method == "covariance":
-            text = "the covariance analysis is of the route; use method rare or monte-carlo, or `error: navigation`"
-            raise reject(text, "box", "error")
-        if self.breaks_off:
-            text = "covariance analysis and method rare have no alarms; use method monte-carlo, or height_m"
-            raise reject(text, "approach", "go_around", "on_alarm")
-        if self.integrity is not None and self.integrity.error_model != "gaussian":
-            raise reject(
-                "covariance analysis and method rare assume Gaussian noise with the sigmas of the filter model; use "
-                "method monte-carlo, or `error_model: gaussian`",
-                "integrity",
-                "error_model",
-            )
-        if self.filter.tight and self.method == "rare":
-            raise reject(
-                "method rare pushes fixes, not yet the clock of a tightly coupled filter; use method monte-carlo or "
-                "covariance, or `coupling: loose`",
-                "filter",
-                "coupling",
-            )
-        if (further := self.imu.monte_carlo_only(self.method == "rare")) is not None:
-            text = (
-                "only Monte Carlo models it; the covariance analysis, on which method rare also rests, does not: "
-                "use method monte-carlo"
-            )
-            if self.method == "rare" and further != self.imu.monte_carlo_only(rare=False):
-                key = further[-1]
-                none = "null" if key.startswith("range_") else "0"
-                text = (
-                    "the covariance analysis has it, the pushed runs of method rare do not yet; use method monte-carlo "
-                    f"or covariance, or leave it out: `{key}: {none}`"
-                )
-            raise reject(text, "imu", *further)
-        if self.filter.kind in SMOOTHERS:
-            raise reject(
-                f"the covariance analysis, on which method rare rests too, is that of a filter, {self.filter.kind} is "
-                "a smoother; use method monte-carlo, or another filter.kind",
-                "filter",
-                "kind",
-            )
-
-    def _checked_path(self) -> AnyPath:
-        """The path. Raises if there is none, or none in this wind."""
-        import numpy as np
-
-        from navsim.trajectory.air import HIGHEST, AirError
-
-        try:
-            path = self.path()
-        except AirError as error:
-            raise reject(str(error), "wind", error.key) from error
-        except ValueError as error:
-            raise reject(f"no path meets these numbers: {error}", "approach", *self._at_waypoint(error)) from error
-        by_law = self.wind.profile == "log" and self.wind.blows
-        if by_law or self.wind.turbulence is not None:
-            highest = float(np.max(-path.jet(np.linspace(0.0, self.duration_s, 400))[:, 0, 2]))
-            up = f"the path is {highest:.0f} m up"
-            if by_law and highest > HIGHEST + 1e-6:
-                text = f"the logarithmic law holds up to {HIGHEST:g} m above the runway, {up}; use power or table"
-                raise reject(text, "wind", "profile")
-            if self.wind.turbulence is not None and highest > HIGHEST + 1e-6:
-                text = f"the turbulence of low altitude ends {HIGHEST:g} m (1000 ft) above the runway, {up}"
-                raise reject(text, "wind", "turbulence")
-        for i, gust in enumerate(self.wind.gusts):
-            if gust.start_s >= self.duration_s:
-                raise reject(f"is not within duration_s, {self.duration_s:g} s", "wind", "gusts", i, "start_s")
-        return path
-
-    def _at_waypoint(self, error: ValueError) -> tuple[str | int, ...]:
-        """The key, below `approach`, of the waypoint that a path fails at."""
-        if not isinstance(self.approach, WaypointApproach):
-            return ()
-        if self.approach.circuit is not None:
-            return ("circuit",)
-        number = getattr(error, "waypoint", None)
-        return () if number is None else ("points", number)
-
-    def _checked_speed(self, path: AnyPath) -> None:
-        import numpy as np
-
-        from navsim.trajectory.approach import ROLL_OUT
-
-        times = np.linspace(0.0, self.duration_s, 400)
-        if (air := self.air()) is not None:
-            slowest = np.min(np.linalg.norm(path.jet(times)[:, 1], axis=1))
-            if slowest < SLOWEST:
-                text = f"a route that falls to {slowest:.1f} m/s within duration_s has no course to be off; 2 m/s has"
-                raise reject(text + beside(air[1]), *air[1][0])
-        if isinstance(self.approach, PadApproach):
-            return
-        # on the ground the nose does not turn
-        times = times[times < path.events.get(ROLL_OUT, math.inf)]
-        slowest = np.min(np.linalg.norm(path.jet(times)[:, 1], axis=1))
-        if slowest < SLOWEST:
-            raise reject(
-                f"the aircraft falls to {slowest:.1f} m/s within duration_s, {self.duration_s:g} s. Its attitude "
-                "follows from its path, so it must keep 2 m/s. Give a shorter duration_s, or `speed_is: ground`, with "
-                "which an aircraft stops and remains at rest, or `profile: pad`, which hovers",
-                "approach",
-                "profile",
-            )
-
-    def check_airspeed(self, trajectory: Trajectory) -> None:
-        """Raise where the aircraft would go backwards through the air, or where gusts are as fast as it."""
-        if trajectory.body is not None or not (self.wind.blows or self.wind.buffets):
-            return
-        import numpy as np
-
-        from navsim.trajectory.air import triangle_along
-        from navsim.trajectory.airspeed_path import SLOWEST
-        from navsim.trajectory.approach import ROLL_OUT
-
-        end = min(self.duration_s, trajectory.path.events.get(ROLL_OUT, math.inf))
-        times = np.arange(0.0, end, _WIND_STEP)
-        flown = triangle_along(trajectory, times)
-        ahead = flown.airspeed * np.cos(flown.crab)
-        worst = int(np.argmin(np.where(np.isnan(ahead), math.inf, ahead)))  # straight up there is no course
-        if ahead[worst] < SLOWEST:
-            over_ground = ahead[worst] - flown.headwind[worst]
-            raise reject(
-                f"at {times[worst]:.1f} s the wind blows with {-flown.headwind[worst]:.1f} m/s along the course, the "
-                f"aircraft moves at {over_ground:.1f} m/s over ground. Its airspeed ahead would be "
-                f"{ahead[worst]:.1f} m/s, {SLOWEST:g} m/s are needed; give less wind from behind"
-                + ("" if isinstance(self.approach, FileApproach) else ", or `approach.speed_is: air`"),
-                "wind",
-                "levels" if self.wind.profile == "table" else "speed_m_s",
-            )
-        if (air := self.air()) is not None and self.wind.buffets:
-            self._check_gusts(air[0], trajectory, times)
-
-    def _check_gusts(self, air: Air, trajectory: Trajectory, grid: np.ndarray) -> None:
-        """Raise where gusts that blow at the same time, and turbulence at 3 sigma, are as fast as the aircraft."""
-        import numpy as np
-
-        from navsim.trajectory.gust_response import gust_components
-        from navsim.trajectory.track_frame import Course
-
-        course = Course.of(trajectory, grid)
-        tops = [g.start + g.rise_time(1.0 / float(np.interp(g.start, grid, course.slowness[0]))) for g in air.gusts]
-        peaks = np.array([t for top, g in zip(tops, air.gusts, strict=True) for t in (top, top + g.hold)])
-        times = np.union1d(grid, peaks[peaks < grid[-1]])
-        airspeed = 1.0 / np.interp(times, grid, course.slowness[0])
-        gusts = np.linalg.norm(gust_components(air.gusts, trajectory, times, course, grid), axis=1)
-        rough = np.zeros(times.size)
-        if air.turbulence is not None:
-            height = np.interp(times, grid, course.height[0])
-            airborne = np.interp(times, grid, course.airborne[0])
-            rough = 3.0 * air.turbulence.sigmas(height).max(axis=1) * airborne
-        worst = int(np.argmax(gusts + rough - airspeed))
-        if gusts[worst] + rough[worst] < airspeed[worst]:
-            return
-        parts = [f"gusts of {gusts[worst]:.1f} m/s"] if gusts[worst] > 0.0 else []
-        parts += [f"turbulence of {rough[worst]:.1f} m/s (3 sigma)"] if rough[worst] > 0.0 else []
-        raise reject(
-            f"at {times[worst]:.1f} s there are {' and '.join(parts)}, and the airspeed is {airspeed[worst]:.1f} m/s: "
-            "no aircraft flies in air that moves as fast as it does; give less, or gusts at different times",
-            "wind",
-            "gusts" if gusts[worst] >= rough[worst] else "turbulence",
-        )
-
-    def pseudolite_sites(self, frame: Frame, track: Track) -> np.ndarray:
-        """Surveyed positions (p, 3), ECEF, m, which `track` keeps clear of. Raises where it does not, or where the
-        coordinates are of another frame."""
-        from navsim.geodesy.earth import ecef_from_llh
-
-        if self.pseudolites.frame == "table1" and self.approach.start is None and self.pseudolites.placed():
-            raise reject("the paper's frame is counted from approach.start, which is not given", "pseudolites", "frame")
-        sites = ecef_from_llh(self.pseudolite_positions(frame))
-        names = [f"pseudolite {name}" for name in self.pseudolites.names()]
-        _check_clear(track, sites, names, "pseudolites", "sites" if self.pseudolites.sites else "s_m")
-        return sites
-
-    def check_sites(self, trajectory: Moving) -> None:
-        """Raise where transmitters are in the way of the aircraft."""
-        from navsim.geodesy.earth import ecef_from_llh
-
-        track = self.track(trajectory)
-        self.pseudolite_sites(trajectory.frame, track)
-        if self.beacons is not None:
-            sites = ecef_from_llh(self.beacons.model(self).positions(trajectory.frame))
-            _check_clear(track, sites, [f"beacon {name}" for name in self.beacons.names()], "beacons", "sites")
-        for section in self.aiding_sections().values():
-            if isinstance(section, StationSection):
-                sites = ecef_from_llh(section.model(self).llh(trajectory.frame))[None]
-                _check_clear(track, sites, ["the antenna"], section.name, section.placing_key())
-
-    def track(self, trajectory: Moving) -> Track:
-        """Trajectory during the simulation, of the IMU and the antenna."""
-        import numpy as np
-
-        from navsim.gnss.pseudolite import TRACK_STEP, Track
-
-        tenths = np.arange(0.0, self.duration_s, 0.1)
-        fastest = np.linalg.norm(trajectory.path.jet(tenths)[:, 1], axis=1).max()
-        times = np.linspace(0.0, self.duration_s, math.ceil(self.duration_s * fastest / TRACK_STEP) + 1)
-        lever_arm = np.array(self.receiver.lever_arm_m)
-        if not lever_arm.any():
-            return Track(trajectory.path.jet(times)[:, 0] @ trajectory.frame.axes.T + trajectory.frame.origin)
-        from navsim.gnss.signals import antenna_ecef
-
-        motion = trajectory.motion(times)
-        return Track(np.concatenate([motion.position_ecef, antenna_ecef(motion, lever_arm)]))
 
     # --- models of the sections
 
@@ -668,7 +340,7 @@ class Landing(Section):
             ionosphere=None if signals.ionosphere is None else signals.ionosphere.model(),
             troposphere=None if signals.troposphere is None else signals.troposphere.model(),
             ground_air=None if section.air is None else section.air.model(self.runway.ellipsoidal_m),
-            space=None if space is None else space.model(),
+            signal_in_space=None if space is None else space.model(),
             correlated=signals.errors.models(),
             reference=None if station is None else station.model(pseudolites),
             loop=tracking.loop(),
@@ -930,15 +602,3 @@ class Landing(Section):
                 heading = self.runway.heading_deg * DEG
                 row[:] = runway_position(self.threshold(frame), heading, site.s_m, site.l1_m, above)
         return out
-
-
-def _check_clear(track: Track, sites: np.ndarray, names: Sequence[str], *path: str) -> None:
-    """Raise, about the key at `path`, where a transmitter at sites (p, 3), ECEF m, is in the way of the aircraft."""
-    from navsim.gnss.pseudolite import NEAREST
-
-    for index, excess in enumerate(track.too_near(sites)):
-        if excess > 0.0:
-            raise reject(
-                f"{names[index]} comes within {NEAREST - excess:.1f} m of the aircraft; it must stay {NEAREST:g} m "
-                "away", *path, *([index] if path[-1] == "sites" else []),
-            )  # fmt: skip

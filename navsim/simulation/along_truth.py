@@ -17,8 +17,8 @@ from navsim.sensors.beacons import Beacons
 from navsim.simulation.flight import Flight, exact_clock, exact_start, initial_state, with_clock
 from navsim.simulation.inertial_states import TrueState, true_states
 from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
-from navsim.simulation.measurements import filter_fixes
-from navsim.simulation.shared_truth import assumed_measurements, without_noise
+from navsim.simulation.measurements import filter_fixes, without_noise
+from navsim.simulation.shared_truth import assumed_measurements
 
 FIRST_MARKOV = 6
 """The first of six Markov biases among the states of `true_states`."""

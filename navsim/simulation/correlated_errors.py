@@ -25,8 +25,8 @@ from navsim.gnss.correlated_errors import SUMS, CorrelatedError
 from navsim.gnss.ground_accuracy import GroundStationError
 from navsim.gnss.pseudolite_clock import TransmitterErrors
 from navsim.gnss.pseudorange import Signals
+from navsim.gnss.receiver_fixes import solve_fixes
 from navsim.integrity.fix_slopes import slopes
-from navsim.integrity.fixes import solved
 from navsim.simulation.range_curvature import Curvature, fix_forms
 
 STATES, INFLATED, IGNORED = "states", "inflate", "none"
@@ -136,7 +136,7 @@ class FixErrors:
     def of(cls, start: np.ndarray, signals: Signals, ranges: np.ndarray, rates: np.ndarray) -> FixErrors:
         """Errors of fixes from error-free ranges and rates (e, s); start: (3,) ECEF, first point of the iteration."""
         weighted = signals.of_filter
-        fixes = solved(start, weighted, *(np.repeat(m[..., None], WIDTH, axis=-1) for m in (ranges, rates)))
+        fixes = solve_fixes(start, weighted, *(np.repeat(m[..., None], WIDTH, axis=-1) for m in (ranges, rates)))
         llh, velocity, clocks = (m[..., 0] for m in fixes[:3])
         by_range, by_rate = slopes(weighted, ranges, rates, (llh, velocity, clocks))
         return cls(signals, np.isfinite(llh[:, 0]), by_range, by_rate)

@@ -12,7 +12,7 @@ import numpy as np
 
 from navsim.gnss.correlated_errors import CorrelatedErrors
 from navsim.gnss.pseudolite_clock import WanderingClocks
-from navsim.simulation.shared_truth import CARRIER_SIGMA
+from navsim.simulation.measurements import CARRIER_SIGMA
 
 
 class SourceErrors(ABC):

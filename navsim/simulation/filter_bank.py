@@ -23,9 +23,9 @@ from navsim.filter import states
 from navsim.filter.measurement_kinds import FIX
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.geodesy.earth import ecef_from_llh
+from navsim.gnss.receiver_fixes import ReceiverFixes, solve_fixes
 from navsim.integrity import araim
 from navsim.integrity.araim import Allocation, Levels, SeparationDistances, SolutionSpread
-from navsim.integrity.fixes import ReceiverFixes, solved
 from navsim.integrity.monitoring import faults_of, fix_of
 from navsim.integrity.solution import turned
 from navsim.sensors.beacons import Beacons
@@ -204,7 +204,7 @@ class FilterBank(SeparationDistances):
         out = np.empty((len(taken), ranges.shape[0], MAX_MEASUREMENT_SIZE, WIDTH))
         axes = shared.antenna_enu[:, _NED] * np.array([[1.0], [1.0], [-1.0]])
         for one, without in zip(out, taken, strict=True):
-            other = solved(shared.start, signals, np.where(without[:, None], np.nan, measured), rates)
+            other = solve_fixes(shared.start, signals, np.where(without[:, None], np.nan, measured), rates)
             one[:, :3] = np.einsum("eij,ejw->eiw", axes, _ecef(other.llh) - here)
             one[:, 3:] = other.velocity - fixes.velocity
         return np.ascontiguousarray(out[which.reshape(-1)])

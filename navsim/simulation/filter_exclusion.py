@@ -11,9 +11,9 @@ import numpy as np
 
 from navsim.compiler.lanes import WIDTH
 from navsim.filter.records import TIME_TOLERANCE, ErrorHistory
+from navsim.gnss.receiver_fixes import ReceiverFixes
 from navsim.integrity import exclusion, monitoring
 from navsim.integrity.exclusion import NOTHING
-from navsim.integrity.fixes import ReceiverFixes
 from navsim.integrity.innovations import InnovationTest
 from navsim.sensors.beacons import Beacons
 from navsim.simulation.filter_bank import FilterBank, beacons_received

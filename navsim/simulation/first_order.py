@@ -22,7 +22,8 @@ from navsim.simulation.along_truth import AlongTruth, along_truth
 from navsim.simulation.flight import Flight, exact_clock
 from navsim.simulation.landing import Inputs
 from navsim.simulation.landing_covariance import analyse, systematic
-from navsim.simulation.shared_truth import SharedTruth, without_noise
+from navsim.simulation.measurements import without_noise
+from navsim.simulation.shared_truth import SharedTruth
 
 
 @dataclass(frozen=True)

@@ -32,9 +32,9 @@ from navsim.filter.records import (
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
 from navsim.gnss.fix_states import StatedFixes
+from navsim.gnss.receiver_fixes import ReceiverFixes
 from navsim.integrity import monitoring
 from navsim.integrity.exclusion import NOTHING
-from navsim.integrity.fixes import ReceiverFixes
 from navsim.integrity.gbas_station import HISTORY
 from navsim.sensors import imu
 from navsim.sensors.beacons import Beacons
@@ -59,16 +59,18 @@ from navsim.simulation.measurement_tables import (
     table_of_ranges,
 )
 from navsim.simulation.measurements import (
+    ClockErrors,
     correlated_errors,
     draw_measurements,
     filter_fixes,
     generators,
     range_noise,
     receiver_fixes,
+    smoothed,
     stated_fixes,
 )
 from navsim.simulation.run import MonitorOutput, Run
-from navsim.simulation.shared_truth import ClockErrors, SharedTruth, smoothed
+from navsim.simulation.shared_truth import SharedTruth
 from navsim.statistics.random_streams import generator
 from navsim.trajectory.dispersion import PathDeviation
 from navsim.trajectory.guidance import GuidanceErrors

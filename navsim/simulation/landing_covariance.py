@@ -176,7 +176,8 @@ def analyse(
     _, lin, by_range, by_rate, epoch, true = along
     s, events, e, outputs = shared.signals, flight.events, shared.signals.time.size, shared.filter_time.size
     own = tuple(dict.fromkeys((*SOURCES, *(state.source for state in true))))
-    placed = () if s.space is None else tuple(np.flatnonzero(s.space[:, of_pseudolites].any(axis=(0, 1))).tolist())
+    errors = s.source_errors
+    placed = () if errors is None else tuple(np.flatnonzero(errors[:, of_pseudolites].any(axis=(0, 1))).tolist())
     own += tuple(dict.fromkeys(_OWNERS[column] for column in placed))
     own += (OFFSET,) if s.offset is not None else ()
     own += (CLOCK,) if flight.scales else ()
@@ -244,7 +245,7 @@ def analyse(
     messages = _messages(s, by_range, epoch)
     felt = messages.any(axis=(0, 1))
     messages, first = messages[:, :, felt], columns.shape[1]
-    each = 0 if s.space is None else s.space.shape[2]
+    each = 0 if s.source_errors is None else s.source_errors.shape[2]
     owner = np.append(owner, _owners(own, of_pseudolites, each)[felt])
     shown = _shown_messages(flight)[:, felt]
     if s.offset is not None:
@@ -291,7 +292,11 @@ def analyse(
         aided[aid.sensor.name] = np.array([square[weighed].sum(), there[weighed].sum()], float)
     analysis = Analysis(sources, out.variance, errors[:, :, 0].copy(), out.covariance, lin.assumed, nis, degrees, aided)
     white = (
-        s.smoothing is None and s.space is None and s.offset is None and s.correlated is None and s.wandering is None
+        s.smoothing is None
+        and s.source_errors is None
+        and s.offset is None
+        and s.correlated is None
+        and s.wandering is None
     )
     white &= design.sigma_scale == 1.0 and second_order and curvature is None and flight.range_curvature is None
     white &= s.reflections is None
@@ -321,8 +326,8 @@ def _true_curvature(flight: Flight) -> Curvature | None:
     noise = s.sigma
     if s.smoothing is not None:
         noise, square = np.zeros_like(s.fix_sigma), s.fix_sigma**2
-    if s.space is not None:
-        square = square + np.sum(s.space**2, axis=2)
+    if s.source_errors is not None:
+        square = square + np.sum(s.source_errors**2, axis=2)
     return flight.shared.fix_errors.curvature(
         noise, np.sqrt(square), MAX_MEASUREMENT_SIZE if flight.design.velocity else 3
     )
@@ -411,23 +416,23 @@ def _messages(signals: Signals, by_range: np.ndarray, epoch: np.ndarray) -> np.n
     """Change of measurements (m, MOST, k s) in the epochs (m,) by one sigma of each error of orbits and clocks; (m,
     MOST, 0) without them."""
     m = by_range.shape[0]
-    if signals.space is None:
+    if signals.source_errors is None:
         return np.zeros((m, MAX_MEASUREMENT_SIZE, 0))
-    size = np.where(signals.used[:, :, None], signals.space, 0.0)
+    size = np.where(signals.used[:, :, None], signals.source_errors, 0.0)
     return np.einsum("mrs,msk->mrsk", by_range, size[epoch]).reshape(m, MAX_MEASUREMENT_SIZE, -1)
 
 
 def _shown_messages(flight: Flight) -> np.ndarray:
     """True values of the filter's states (n, k s) by one sigma of each error of `_messages`; (n, 0) without these."""
     signals, mine, n = flight.shared.signals, flight.transmitter_states, flight.model.states
-    out = np.zeros((n, 0 if signals.space is None else signals.space.shape[2] * len(signals.names)))
-    if mine is not None and signals.space is not None:
+    out = np.zeros((n, 0 if signals.source_errors is None else signals.source_errors.shape[2] * len(signals.names)))
+    if mine is not None and signals.source_errors is not None:
         out[transmitter_error_states(flight)] = mine.of_messages().reshape(len(mine.each), out.shape[1])
     return out
 
 
 _OWNERS = (SURVEY, SURVEY, SURVEY, CALIBRATION, BIAS)
-"""Source of each error of a pseudolite that is drawn once a run, as in `Signals.space`."""
+"""Source of each error of a pseudolite that is drawn once a run, as in `Signals.source_errors`."""
 
 
 def _owners(sources: tuple[str, ...], of_pseudolites: np.ndarray, count: int) -> np.ndarray:

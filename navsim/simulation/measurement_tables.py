@@ -71,7 +71,7 @@ def table_of_ranges(flight: Flight, ranges: np.ndarray, rates: np.ndarray) -> Ra
     sigma, own = design.sigma_scale * sigma, flight.transmitter_states
     return RangeTable(
         signals.position[heard], signals.velocity[heard], signals.range[heard], sigma[:, 0].copy(), sigma[:, 1].copy(),
-        source, bias[signals.clock[source]], given[:, 0].copy(),
+        source, bias[signals.time_scale[source]], given[:, 0].copy(),
         given[:, 1].copy() if design.velocity else np.full_like(given[:, 1], np.nan), design.lever_arm,
         design.sigma_scale * flight.range_error_sigma[heard],
         np.empty((source.size, 2, 0)) if own is None else own.on_ranges(np.nonzero(heard)[0], source),

@@ -3,18 +3,73 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from navsim.filter.estimate import in_all_lanes
 from navsim.geodesy import earth
+from navsim.gnss import dll
 from navsim.gnss.fix_states import StatedFixes
 from navsim.gnss.pseudorange import Signals
-from navsim.integrity.fixes import ReceiverFixes, solved
+from navsim.gnss.receiver import wander
+from navsim.gnss.receiver_fixes import ReceiverFixes, solve_fixes
 from navsim.simulation.dispersed_trajectory import DispersedTrajectories
-from navsim.simulation.shared_truth import CARRIER_SIGMA, ClockErrors, SharedTruth, carrier, smoothed
+from navsim.simulation.shared_truth import SharedTruth
 from navsim.statistics import noise
 from navsim.statistics.random_streams import generator, normals
+
+CARRIER_SIGMA = 3e-3
+"""1 sigma of a carrier phase measurement, m."""
+
+
+@dataclass(frozen=True)
+class ClockErrors:
+    """The noise of the receiver's clock in runs: offset, m, and drift, m/s, at the fixes (e, 2, W) and at the filter's
+    outputs (e + 1, 2, W)."""
+
+    at_fixes: np.ndarray
+    at_filter: np.ndarray
+
+    @classmethod
+    def of(cls, shared: SharedTruth, seed: int, runs: Sequence[int], lanes: int) -> ClockErrors | None:
+        """Receiver clocks of runs, in the first of so many lanes; None without clock noise."""
+        if not any(shared.clock_density):
+            return None
+        fixed, answered = shared.signals.time, shared.filter_time
+        time, where = np.unique(np.concatenate([fixed, answered]), return_inverse=True)
+        wandered = np.empty((fixed.size + answered.size, 2, lanes))
+        for lane, run in enumerate(runs):
+            wandered[..., lane] = wander(shared.clock_density, time, generator(seed, run, "clock"))[where]
+        wandered[..., len(runs) :] = wandered[..., len(runs) - 1 : len(runs)]
+        return cls(wandered[: fixed.size], wandered[fixed.size :])
+
+
+def smoothed(shared: SharedTruth, ranges: np.ndarray, phases: np.ndarray | None) -> np.ndarray:
+    """Pseudoranges (e, s, W) as the receiver uses them: smoothed by the carrier where it does that."""
+    if phases is None or shared.signals.smoothing is None:
+        return ranges
+    each = range(ranges.shape[-1])
+    return np.stack([dll.smooth(ranges[..., k], phases[..., k], shared.signals.smoothing) for k in each], axis=-1)
+
+
+def carrier(shared: SharedTruth, delay: np.ndarray) -> np.ndarray:
+    """Carrier phases without noise (e, s), m, where the code is late by delay (e, s), m; ambiguities are left out."""
+    return shared.signals.range + delay - shared.signals.divergence + shared.clock[:, :1]
+
+
+def without_noise(shared: SharedTruth) -> tuple[np.ndarray, np.ndarray]:
+    """`measured` without random errors: systematic errors only."""
+    ranges, rates, phases = expected_measurements(shared)
+    return smoothed(shared, ranges[..., None], None if phases is None else phases[..., None])[..., 0], rates
+
+
+def expected_measurements(shared: SharedTruth) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Pseudoranges, range rates and carrier phases (e, s) as of `Inputs` where nothing is drawn."""
+    signals = shared.signals
+    ranges = np.where(signals.used, signals.range + signals.range_bias + shared.clock[:, :1], np.nan)
+    rates = np.where(signals.used, signals.range_rate + shared.clock[:, 1:], np.nan)
+    return ranges, rates, None if signals.smoothing is None else carrier(shared, signals.range_bias)
 
 
 def measured(shared: SharedTruth, seed: int, run: int) -> tuple[np.ndarray, np.ndarray]:
@@ -51,11 +106,13 @@ def draw_measurements(
     e, s = signals.range.shape
     # the additions below also reach idle lanes, the noise does not
     ranges, rates = np.zeros((e, s, lanes)), np.zeros((e, s, lanes))
-    delay = signals.delay[..., None]
+    delay = signals.range_bias[..., None]
     of_space: list[np.ndarray | None] = [None] * len(runs)
-    if signals.space is not None:
-        drawn_in_space = [generator(seed, run, "space").standard_normal((s, signals.space.shape[2])) for run in runs]
-        late = [signals.delay + np.einsum("esk,sk->es", signals.space, drawn) for drawn in drawn_in_space]
+    if signals.source_errors is not None:
+        drawn_in_space = [
+            generator(seed, run, "space").standard_normal((s, signals.source_errors.shape[2])) for run in runs
+        ]
+        late = [signals.range_bias + np.einsum("esk,sk->es", signals.source_errors, drawn) for drawn in drawn_in_space]
         of_space = [*drawn_in_space]
         delay = np.stack(late, axis=-1)
     sigma, divergence = signals.sigma[..., None], np.zeros((1, 1, 1))
@@ -158,5 +215,5 @@ def filter_fixes(shared: SharedTruth, ranges: np.ndarray, rates: np.ndarray) -> 
 
 def _fixes(shared: SharedTruth, signals: Signals, ranges: np.ndarray, rates: np.ndarray) -> ReceiverFixes:
     lanes = (m if m.ndim == 3 else in_all_lanes(m) for m in (ranges, rates))
-    out = solved(shared.start, signals, *lanes)
+    out = solve_fixes(shared.start, signals, *lanes)
     return out if ranges.ndim == 3 else ReceiverFixes(*(m[..., 0].copy() for m in out))

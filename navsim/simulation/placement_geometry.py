@@ -164,7 +164,7 @@ def glide_geometry(
     ridges, parts = _edges(environment.terrain.tops), []
     for start in np.atleast_1d(utc):
         s = build_signals(motion, float(start), sources)
-        clock, shared = s.clock[:-1], int(s.clock[-1])
+        clock, shared = s.time_scale[:-1], int(s.time_scale[-1])
         los = np.einsum("esi,eij->esj", s.los[counted, :-1], axes)
         heard, weight = s.used[counted, -1], 1.0 / s.fix_sigma[counted] ** 2
         counts = normals(los, clock, np.ones(los.shape[:2]))

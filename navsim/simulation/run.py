@@ -12,10 +12,10 @@ from navsim.filter import states
 from navsim.filter.records import (
     ErrorHistory,
 )
+from navsim.gnss.receiver_fixes import ReceiverFixes, range_residuals
 from navsim.integrity import monitoring
 from navsim.integrity.exclusion import NOTHING
 from navsim.integrity.fix_exclusion import FixesAfterExclusion
-from navsim.integrity.fixes import ReceiverFixes, range_residuals
 
 if TYPE_CHECKING:
     from navsim.simulation.flight import Flight

@@ -27,7 +27,7 @@ from navsim.simulation.aiding import Aid
 from navsim.simulation.along_truth import AlongTruth
 from navsim.simulation.flight import Flight
 from navsim.simulation.landing import Inputs
-from navsim.simulation.shared_truth import CARRIER_SIGMA, expected_measurements
+from navsim.simulation.measurements import CARRIER_SIGMA, expected_measurements
 
 
 @dataclass(frozen=True)
@@ -149,8 +149,8 @@ def carried(flight: Flight, slopes: Slopes) -> Slopes:
     ranges = slopes.ranges * np.where(signals.used, signals.sigma, 0.0) ** 2
     rates = slopes.rates * np.where(signals.used, signals.rate_sigma, 0.0) ** 2
     phases = None if slopes.phases is None else np.where(signals.used, CARRIER_SIGMA**2 * slopes.phases, 0.0)
-    if signals.space is not None:
-        size = np.where(signals.used[..., None], signals.space, 0.0)
+    if signals.source_errors is not None:
+        size = np.where(signals.used[..., None], signals.source_errors, 0.0)
         both = slopes.ranges if slopes.phases is None else slopes.ranges + slopes.phases
         delay = np.einsum("esc,ksc->kes", size, np.einsum("kes,esc->ksc", both, size))
         ranges = ranges + delay

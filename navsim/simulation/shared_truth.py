@@ -11,22 +11,18 @@ from typing import Any
 import numpy as np
 
 from navsim.geodesy.earth import llh_from_ecef
-from navsim.gnss import dll, pseudorange
+from navsim.gnss import pseudorange
 from navsim.gnss.dop import dops, geometry_covariance
 from navsim.gnss.fix_states import FixStates
 from navsim.gnss.heavy_tailed import HeavyTailedNoise
-from navsim.gnss.receiver import Receiver, wander
+from navsim.gnss.receiver import Receiver
 from navsim.gnss.signals import SignalScenario, build_signals, true_positions
 from navsim.gnss.sky import enu_matrix
 from navsim.simulation.aiding import Aid, aids_of
 from navsim.simulation.correlated_errors import FixErrors
 from navsim.simulation.dispersed_trajectory import Dispersion
-from navsim.statistics.random_streams import generator
 from navsim.trajectory.air import Air
 from navsim.trajectory.kinematics import Motion, Moving, Trajectory
-
-CARRIER_SIGMA = 3e-3
-"""1 sigma of a carrier phase measurement, m."""
 
 
 @dataclass(frozen=True)
@@ -73,12 +69,12 @@ class SharedTruth:
     @cached_property
     def scales(self) -> tuple[int, ...]:
         """Numbers of the time scales of the sources that are ever received."""
-        return tuple(sorted(set(self.signals.clock[self.signals.used.any(axis=0)].tolist())))
+        return tuple(sorted(set(self.signals.time_scale[self.signals.used.any(axis=0)].tolist())))
 
     @cached_property
     def dop(self) -> np.ndarray:
         """`dops` of the signals (e, 5)."""
-        return dops(self.signals.los, self.signals.clock)
+        return dops(self.signals.los, self.signals.time_scale)
 
     @cached_property
     def fix_errors(self) -> FixErrors:
@@ -94,7 +90,7 @@ class SharedTruth:
     def fix_covariance(self) -> np.ndarray:
         """Weighted covariance of the position fixes from the signals (e, 3, 3), ENU, m2."""
         weight = 1.0 / self.signals.fix_sigma**2
-        return geometry_covariance(self.signals.los, self.signals.clock, weight)[0][:, :3, :3]
+        return geometry_covariance(self.signals.los, self.signals.time_scale, weight)[0][:, :3, :3]
 
 
 def build_shared_truth(
@@ -143,47 +139,6 @@ def build_shared_truth(
     )
 
 
-@dataclass(frozen=True)
-class ClockErrors:
-    """The noise of the receiver's clock in runs: offset, m, and drift, m/s, at the fixes (e, 2, W) and at the filter's
-    outputs (e + 1, 2, W)."""
-
-    at_fixes: np.ndarray
-    at_filter: np.ndarray
-
-    @classmethod
-    def of(cls, shared: SharedTruth, seed: int, runs: Sequence[int], lanes: int) -> ClockErrors | None:
-        """Receiver clocks of runs, in the first of so many lanes; None without clock noise."""
-        if not any(shared.clock_density):
-            return None
-        fixed, answered = shared.signals.time, shared.filter_time
-        time, where = np.unique(np.concatenate([fixed, answered]), return_inverse=True)
-        wandered = np.empty((fixed.size + answered.size, 2, lanes))
-        for lane, run in enumerate(runs):
-            wandered[..., lane] = wander(shared.clock_density, time, generator(seed, run, "clock"))[where]
-        wandered[..., len(runs) :] = wandered[..., len(runs) - 1 : len(runs)]
-        return cls(wandered[: fixed.size], wandered[fixed.size :])
-
-
-def smoothed(shared: SharedTruth, ranges: np.ndarray, phases: np.ndarray | None) -> np.ndarray:
-    """Pseudoranges (e, s, W) as the receiver uses them: smoothed by the carrier where it does that."""
-    if phases is None or shared.signals.smoothing is None:
-        return ranges
-    each = range(ranges.shape[-1])
-    return np.stack([dll.smooth(ranges[..., k], phases[..., k], shared.signals.smoothing) for k in each], axis=-1)
-
-
-def carrier(shared: SharedTruth, delay: np.ndarray) -> np.ndarray:
-    """Carrier phases without noise (e, s), m, where the code is late by delay (e, s), m; ambiguities are left out."""
-    return shared.signals.range + delay - shared.signals.divergence + shared.clock[:, :1]
-
-
-def without_noise(shared: SharedTruth) -> tuple[np.ndarray, np.ndarray]:
-    """`measured` without random errors: systematic errors only."""
-    ranges, rates, phases = expected_measurements(shared)
-    return smoothed(shared, ranges[..., None], None if phases is None else phases[..., None])[..., 0], rates
-
-
 def assumed_measurements(shared: SharedTruth) -> tuple[np.ndarray, np.ndarray]:
     """Pseudoranges and range rates (e, s) without any error: they agree with the receiver's own positions of the
     sources."""
@@ -193,11 +148,3 @@ def assumed_measurements(shared: SharedTruth) -> tuple[np.ndarray, np.ndarray]:
     rate = np.sum(offset * (signals.velocity - signals.antenna_velocity[:, None]), axis=2) / distance
     ranges = np.where(signals.used, distance + shared.clock[:, :1], np.nan)
     return ranges, np.where(signals.used, rate + shared.clock[:, 1:], np.nan)
-
-
-def expected_measurements(shared: SharedTruth) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Pseudoranges, range rates and carrier phases (e, s) as of `Inputs` where nothing is drawn."""
-    signals = shared.signals
-    ranges = np.where(signals.used, signals.range + signals.delay + shared.clock[:, :1], np.nan)
-    rates = np.where(signals.used, signals.range_rate + shared.clock[:, 1:], np.nan)
-    return ranges, rates, None if signals.smoothing is None else carrier(shared, signals.delay)

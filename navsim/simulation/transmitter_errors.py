@@ -141,8 +141,8 @@ class TransmitterStates:
         )
 
     def of_messages(self) -> np.ndarray:
-        """Effect on the states (q, s, k) of one sigma of errors that are drawn once a run, as of `Signals.space`."""
-        truth, space = self.signals.transmitters, self.signals.space
+        """Effect on the states (q, s, k) of one sigma of the errors in `Signals.source_errors`."""
+        truth, space = self.signals.transmitters, self.signals.source_errors
         out = np.zeros((len(self.each), len(self.signals.names), 4 if space is None else space.shape[2]))
         for q, (i, k) in enumerate(self.each):
             if k < out.shape[2] and truth is not None:
@@ -169,8 +169,8 @@ class TransmitterStates:
         out = np.empty((time.size, len(self.each), lanes))
         for lane, run in enumerate(runs):
             own = np.broadcast_to(self.systematic, out.shape[:2]).copy()
-            if s.space is not None:
-                drawn = generator(seed, run, "space").standard_normal(s.space.shape[1:])
+            if s.source_errors is not None:
+                drawn = generator(seed, run, "space").standard_normal(s.source_errors.shape[1:])
                 own += np.einsum("qsk,sk->q", self.of_messages(), drawn)
             if s.wandering is not None:
                 known = s.wandering.drawn(s.time, [generator(seed, run, "clock", 2)])[..., 0]

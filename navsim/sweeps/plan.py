@@ -26,6 +26,7 @@ from navsim.runner.checkpoint import CheckpointError
 from navsim.scenario.approach import FileApproach
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import NO_RECORDED
+from navsim.scenario.site_clearance import track_of
 from navsim.scenario.sky import SOURCES_FROM_FILES
 from navsim.scenario_files.base import DEG, validated
 from navsim.scenario_files.source import Document, InputError, KeyPath, Problem, dotted, set_value
@@ -206,8 +207,8 @@ class Plan:
 
     @cached_property
     def track(self) -> Track:
-        """The aircraft during the first combination's simulation, see `Landing.track`."""
-        return self.first[0].track(self.trajectory)
+        """The aircraft during the first combination's simulation, see `track_of`."""
+        return track_of(self.first[0], self.trajectory)
 
     def plane(self, ecef: np.ndarray) -> np.ndarray:
         """Positions (..., 3) ECEF in the plane of the runway: along it from the threshold, right of it (..., 2), m."""

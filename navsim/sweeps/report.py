@@ -604,8 +604,10 @@ def _curves(result: Result, name: str) -> Figure:
     numeric = of.x.dtype.kind in "fiu"
     at = of.x if numeric else np.arange(of.x.size)
     for i, (row, text) in enumerate(zip(of.rows, of.names, strict=True)):
-        how = style(i) | ({"ls": ""} if of.scattered else {})
-        ax.plot(at, row, marker=MARKS[i % len(MARKS)], ms=2.5, lw=0.8, label=text or None, **how)
+        # marks without a line: equal values show as one mark in another
+        how = style(i) | ({"ls": "", "mfc": "none"} if of.scattered else {})
+        size = 2.5 + (1.5 * (len(of.rows) - 1 - i) if of.scattered else 0.0)
+        ax.plot(at, row, marker=MARKS[i % len(MARKS)], ms=size, lw=0.8, label=text or None, **how)
     limit = result.variables[f"/sweep/{name}"].attributes.get("limit")
     if limit is not None:  # of a requirement
         ax.axhline(float(limit), color=REQUIRED, ls=DOTTED, lw=1.4)

@@ -53,6 +53,7 @@ from navsim.runner.findings import LANDING, among, marks, notes, without_fix
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import resolved_yaml
 from navsim.scenario.pseudolites import PseudolitesSection
+from navsim.scenario.site_clearance import pseudolite_sites
 from navsim.scenario_files.base import validated
 from navsim.scenario_files.source import Document, InputError, set_value
 from navsim.simulation.placement_geometry import Geometry
@@ -129,7 +130,7 @@ class SweepStudy:
             try:
                 section = PseudolitesSection.model_validate(base | settings)
                 moved = scenario.model_copy(update={"pseudolites": section})
-                site = moved.pseudolite_sites(self.plan.frame, self.plan.track)
+                site = pseudolite_sites(moved, self.plan.frame, self.plan.track)
             except ValueError:
                 continue
             rows["site"][i] = self.plan.in_plan(site)
@@ -393,7 +394,7 @@ def _findings(planned: Plan, found: Ensemble, outcome: np.ndarray) -> list[Findi
         out.append(Finding("input", text, (), count, warned.size))
     alone = found.per_run("alone")
     if alone.any():
-        clock, when = CLOCKS[planned.sources.pseudolites.clock], f"in {alone.sum()} of {alone.size} combinations"
+        clock, when = CLOCKS[planned.sources.pseudolites.time_scale], f"in {alone.sum()} of {alone.size} combinations"
         text = lone_pseudolite_warning(clock, when, FOLLOW)
         shared = planned.geometry
         equal = shared is not None and bool(shared.find_lone_pseudolite(1).all())

@@ -27,12 +27,11 @@ from navsim.replays import study as replay
 from navsim.scenario.load import read_replay
 from navsim.scenario_files.source import InputError
 from tests.helpers import in_brief
-from tests.mistakes import MISTAKES, Made, needs
+from tests.mistakes import MISTAKES, Made
 from tests.recordings import circuit, drive, hills, quadrotor, record, ride, straight
 from tests.recordings import write_recording as table
 
 ROOT = Path(__file__).resolve().parents[2]
-AIRCRAFT = needs("turns", "rolls", "sideways", "climbs", "velocities", "vertical")
 BY_NAME = {made.name: made for made in MISTAKES}
 SEEDS = (11, pytest.param(12, marks=pytest.mark.long))
 """Of recordings in which nothing is to be found."""

@@ -36,8 +36,8 @@ def fix_errors(c: landing.Case, run: int = 0) -> np.ndarray:
 
 def test_the_ideal_world_is_untouched() -> None:
     plain = case(*BASE).shared.signals
-    assert not plain.delay.any()
-    assert plain.space is None
+    assert not plain.range_bias.any()
+    assert plain.source_errors is None
     assert plain.smoothing is None
     np.testing.assert_array_equal(plain.fix_sigma, plain.sigma)
     assert plain.used.any()
@@ -49,9 +49,9 @@ def test_ionosphere_leaves_its_share() -> None:
     s = case(*BASE, iono).shared.signals
     raw = case(*BASE, "signals.ionosphere={truth_scale: 1.5, corrected: false}").shared.signals
     seen = s.used & (np.array([n[0] for n in s.names]) != "P")
-    np.testing.assert_allclose(raw.delay[seen], 3.0 * s.delay[seen], rtol=1e-9)
-    assert np.all(s.delay[seen] > 0.5)
-    assert s.delay[:, -1] == pytest.approx(0.0)
+    np.testing.assert_allclose(raw.range_bias[seen], 3.0 * s.range_bias[seen], rtol=1e-9)
+    assert np.all(s.range_bias[seen] > 0.5)
+    assert s.range_bias[:, -1] == pytest.approx(0.0)
     section = scenario(*BASE, iono).signals.ionosphere
     assert section is not None
     first = np.flatnonzero(seen[0])[0]
@@ -62,13 +62,13 @@ def test_ionosphere_leaves_its_share() -> None:
     )  # fmt: skip
     ratio2 = (atmosphere.L1 / (1602e6 + 0.5625e6 * 1)) ** 2
     assert s.names[first] == "R01"
-    assert s.delay[0, first] == pytest.approx(0.5 * model * ratio2, rel=1e-6)
+    assert s.range_bias[0, first] == pytest.approx(0.5 * model * ratio2, rel=1e-6)
 
 
 def test_troposphere_is_taken_off() -> None:
     used = case(*BASE).shared.signals.used
     none, saastamoinen, mops = (
-        case(*BASE, f"signals.troposphere={{truth_scale: 1.0, correction: {c}}}").shared.signals.delay[used]
+        case(*BASE, f"signals.troposphere={{truth_scale: 1.0, correction: {c}}}").shared.signals.range_bias[used]
         for c in ("none", "saastamoinen", "mops")
     )
     assert none.max() > 8.0
@@ -81,14 +81,14 @@ def test_messages_are_drawn_a_run_and_stay() -> None:
     messages = "signals.ephemeris={orbit_sigma_m: [1.0, 2.0, 1.5], clock_sigma_m: 1.0}"
     c = case(*BASE, *QUIET, messages, "imu.rate_hz=20", "filter.kind=eskf")
     s = c.shared.signals
-    assert s.space is not None
+    assert s.source_errors is not None
     flown = [simulation.fly(c.flight, 1, range(first, first + WIDTH)) for first in range(0, 200, WIDTH)]
     drawn = np.concatenate([run.pseudorange for run in flown]) - s.range - c.shared.clock[:, 0, None]
     seen = s.used[0] & s.used[-1]
     ground = np.array([n.startswith("PL") for n in s.names])
     assert np.abs(drawn[:, :, ground]).max() < 1e-3
     sky = seen & ~ground
-    sigma = np.sqrt(np.sum(s.space[0] ** 2, axis=1))
+    sigma = np.sqrt(np.sum(s.source_errors[0] ** 2, axis=1))
     np.testing.assert_allclose(drawn[:, 0, sky].std(axis=0), sigma[sky], rtol=0.2)
     # radial counts most from far away, the clock fully
     assert np.all((sigma[sky] > 1.3) & (sigma[sky] < 2.0))
@@ -127,13 +127,13 @@ def test_corrections_come_over_a_link() -> None:
     np.testing.assert_allclose(age, np.where(expected > 10.5, np.inf, expected), atol=1e-9)
     bare = case(*base).shared.signals
     dead = np.isinf(age)
-    for name in ("delay", "sigma", "fix_sigma", "space", "used"):
+    for name in ("range_bias", "sigma", "fix_sigma", "source_errors", "used"):
         np.testing.assert_array_equal(getattr(signals, name)[dead], getattr(bare, name)[dead])
     for late in (1.0, 1.5):
         station = case(*base, f"pseudolites.differential={{latency_s: {late}}}").shared.signals
         same = np.abs(age - late) < 1e-9
         assert same.sum() >= 20
-        for name in ("delay", "sigma", "space"):
+        for name in ("range_bias", "sigma", "source_errors"):
             np.testing.assert_allclose(getattr(signals, name)[same], getattr(station, name)[same], atol=1e-9)
     assert any(f"{dead.sum()} of {age.size} fixes have no corrections" in text for text in linked.warnings)
     (told,) = [text for text in case(*base, "pseudolites.differential={}").warnings if "add `link" in text]
@@ -256,10 +256,10 @@ def test_corrections_of_listed_directions() -> None:
     alone = case(sky, "pseudolites.count=1", *air).shared.signals
     corrected = case(sky, "pseudolites.count=1", *air, "pseudolites.differential={latency_s: 0}").shared.signals
     seen = alone.used & np.array([n.startswith("X") for n in alone.names])
-    assert alone.delay[seen].min() > 3.0
-    assert np.abs(corrected.delay[seen]).max() < 0.3
-    assert corrected.space is not None
-    assert not corrected.space.any()
+    assert alone.range_bias[seen].min() > 3.0
+    assert np.abs(corrected.range_bias[seen]).max() < 0.3
+    assert corrected.source_errors is not None
+    assert not corrected.source_errors.any()
 
 
 def test_time_scales() -> None:
@@ -288,10 +288,10 @@ def test_noise_from_signal_strength() -> None:
 
 def test_ground_multipath_of_pseudolites() -> None:
     s = case(*BASE, *QUIET, "pseudolites.height_m=5", "pseudolites.multipath={}").shared.signals
-    error = s.delay[:, -1]
+    error = s.range_bias[:, -1]
     assert np.abs(error).max() > 0.02
     assert np.abs(error).max() < 5.0
-    assert not s.delay[:, :-1].any()
+    assert not s.range_bias[:, :-1].any()
     assert np.sum(np.diff(np.sign(error)) != 0) >= 1  # it beats as the aircraft comes down
 
 

@@ -17,7 +17,7 @@ from navsim.landing import study as landing
 from navsim.landing.study import Case, covariance_analysis
 from navsim.scenario.load import read
 from navsim.scenario_files.source import InputError
-from navsim.simulation import measurements, shared_truth
+from navsim.simulation import measurements
 from tests.consistency.test_tight_landings import flown
 from tests.helpers import SCENARIOS, case
 
@@ -31,7 +31,7 @@ def after(*events: dict[str, Any], settings: tuple[str, ...] = ()) -> Case:
 def fixes(c: Case, when: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Errors of fixes without noise, position in the NED of epoch `when` and velocity (e, 3), and the receiver's clock
     (e,), m."""
-    ranges, rates = shared_truth.without_noise(c.shared)
+    ranges, rates = measurements.without_noise(c.shared)
     llh, velocity, clocks, _ = measurements.receiver_fixes(c.shared, ranges, rates)
     axes = ned_matrix(llh_from_ecef(c.shared.signals.antenna))
     off = (ecef_from_llh(llh) - c.shared.signals.antenna) @ axes[when].T
@@ -74,7 +74,7 @@ def test_a_meacon_puts_every_fix_where_it_stands() -> None:
     place = {"lat_deg": 56.02, "lon_deg": 37.01}
     c = after({"what": "meacon", "sources": ["glonass"], "place": place, "height_m": 60, "delay_m": 700, "at_s": 5},
               settings=("pseudolites.count=0",))  # fmt: skip
-    ranges, rates = shared_truth.without_noise(c.shared)
+    ranges, rates = measurements.without_noise(c.shared)
     llh, velocity, clocks, _ = measurements.receiver_fixes(c.shared, ranges, rates)
     on = c.shared.signals.time >= 5.0
     there = ecef_from_llh(np.array([np.radians(56.02), np.radians(37.01), 60.0]))
@@ -99,7 +99,7 @@ def test_range_rates_are_changes_of_ranges(event: dict[str, Any]) -> None:
     """By differences over 20 ms either side, of what the event adds: the times of ranges are rounded."""
     brief = ("duration_s=4", "receiver.rate_hz=50", "filter.kind=eskf")
     c = case(*brief, f"events={json.dumps([event])}")
-    of_event, plain = (shared_truth.without_noise(world) for world in (c.shared, case(*brief).shared))
+    of_event, plain = (measurements.without_noise(world) for world in (c.shared, case(*brief).shared))
     ranges, rates = (told - true for told, true in zip(of_event, plain, strict=True))
     time = c.shared.signals.time
     change = (ranges[2:] - ranges[:-2]) / (time[2:] - time[:-2])[:, None]
@@ -113,7 +113,7 @@ def test_a_survey_error_is_that_of_the_section() -> None:
     told = after({"what": "survey", "sources": ["pseudolites"], "ned_m": [0.5, -0.4, 0.3]})
     given = after(settings=("pseudolites.survey_error_m=[0.5, -0.4, 0.3]",))
     # there north is that of each pseudolite, here of the aircraft: 5 km away 1e-3 rad
-    for a, b in zip(shared_truth.without_noise(told.shared), shared_truth.without_noise(given.shared), strict=True):
+    for a, b in zip(measurements.without_noise(told.shared), measurements.without_noise(given.shared), strict=True):
         np.testing.assert_allclose(a, b, atol=2e-3)
 
 
@@ -175,11 +175,11 @@ def test_of_the_code_only(event: dict[str, Any]) -> None:
     wrong = {"ramp": 2.0 * np.maximum(time - 10.0, 0.0), "step": np.where(time >= 10.0, 30.0, 0.0)}[event["what"]]
     told, truth = both[True].shared.signals, plain.shared.signals
     np.testing.assert_array_equal(told.range_rate, truth.range_rate)
-    np.testing.assert_allclose(told.delay[:, i] - truth.delay[:, i], wrong, atol=1e-9)
-    np.testing.assert_allclose(both[False].shared.signals.delay, told.delay, atol=1e-9)
+    np.testing.assert_allclose(told.range_bias[:, i] - truth.range_bias[:, i], wrong, atol=1e-9)
+    np.testing.assert_allclose(both[False].shared.signals.range_bias, told.range_bias, atol=1e-9)
     smoothed, expected = np.empty((3, time.size)), np.zeros(time.size)
     for row, c in zip(smoothed, (plain, both[False], both[True]), strict=True):
-        row[:] = shared_truth.without_noise(c.shared)[0][:, i]
+        row[:] = measurements.without_noise(c.shared)[0][:, i]
     np.testing.assert_allclose(smoothed[1] - smoothed[0], wrong, atol=1e-6)
     for e in range(1, time.size):
         n = min(e + 1, 10)  # 5 s of two epochs a second

@@ -79,7 +79,7 @@ def test_signals_are_lost_and_come_back() -> None:
     s, time = c.shared.signals, c.shared.signals.time
     of_sky = np.array([name.startswith("R") for name in s.names]) & plain.shared.signals.used.all(axis=0)
     before = time < 8.0
-    for name in ("used", "sigma", "rate_sigma", "los", "cn0", "delay"):
+    for name in ("used", "sigma", "rate_sigma", "los", "cn0", "range_bias"):
         np.testing.assert_array_equal(getattr(s, name)[before], getattr(plain.shared.signals, name)[before])
     lost = ~s.used[:, of_sky]
     expected = (time >= 8.5 - 1e-9) & (time < 20.0 - 1e-9)

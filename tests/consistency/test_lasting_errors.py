@@ -16,6 +16,7 @@ from navsim.gnss.correlated_errors import CorrelatedErrors, mapped
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.result import read
 from navsim.runner.executor import threads
+from navsim.scenario.estimated_errors import correlated_states
 from navsim.scenario_files.source import InputError
 from navsim.simulation.flight import exact_start
 from navsim.simulation.landing import fly
@@ -238,7 +239,7 @@ def test_a_run_is_the_same_beside_others() -> None:
     assert flown.states[-12:] == tuple(
         f"fix_error_{s}{also}_{a}" for s in ("slow", "fast") for also, axes in more.items() for a in axes
     )
-    assert case(OPEN, "pseudolites.count=0").scenario.correlated_states(8) == 12
+    assert correlated_states(case(OPEN, "pseudolites.count=0").scenario, 8) == 12
 
 
 def test_states_are_sums_of_errors_of_sources() -> None:

@@ -28,7 +28,8 @@ def test_unguarded_pages_are_listed() -> None:
     assert without == UNGUARDED, "strike out of UNGUARDED what has a probe; make pages by their scripts alone"
 
 
-DEAR = {"integrity", "lasting_errors", "sensor_errors", "heights", "faults", "filter_consistency", "interference"}
+DEAR = {"integrity", "lasting_errors", "sensor_errors", "heights", "faults", "filter_consistency", "interference",
+        "rare_totals"}  # fmt: skip
 """Pages whose probes take seconds, of effects that other pages have too."""
 
 

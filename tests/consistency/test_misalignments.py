@@ -9,6 +9,7 @@ from navsim.filter import states
 from navsim.landing.covariance import covariance_findings
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.runner.executor import threads
+from navsim.scenario.estimated_errors import gain_states
 from navsim.scenario_files.source import InputError
 from navsim.sensors.imu import SensorErrors
 from navsim.simulation.inertial_states import true_values
@@ -80,14 +81,14 @@ def test_sensors_without_some_have_no_states() -> None:
     freedom; estimates of results count the same, and a filter that is told the truth is true."""
     half = case(FOLLOWED, "imu.gyro.misalignment_mrad=3", *GENTLE, name="s_turn")
     assert half.groups[5:] == ("gyro_misalignment_next", "gyro_misalignment_previous")
-    assert len(half.states) == half.scenario.filter.states(1, half.scenario.gain_states) == 21
+    assert len(half.states) == half.scenario.filter.states(1, gain_states(half.scenario)) == 21
     square = covariance_analysis(half).expected_square(slice(0, 21))
     np.testing.assert_allclose(square, 1.0, atol=1e-3)
     told = "filter.imu={gyro: {misalignment_mrad: 0, scale_ppm: 5}, accelerometer: {scale_ppm: 0}}"
     other = case(FOLLOWED, "filter.scale_factors=true", told, *ASKEW, "imu.accelerometer.scale_ppm=9", "duration_s=5")
     gains = ("gyro_scale", "accelerometer_misalignment_next", "accelerometer_misalignment_previous")
     assert other.groups[5:] == gains
-    assert len(other.states) == other.scenario.filter.states(1, other.scenario.gain_states) == 24
+    assert len(other.states) == other.scenario.filter.states(1, gain_states(other.scenario)) == 24
 
 
 def test_a_range_that_the_route_meets_is_told() -> None:

@@ -27,6 +27,7 @@ from navsim.results.schema import COVARIANCE
 from navsim.runner.findings import LANDING
 from navsim.scenario.landing import Landing
 from navsim.scenario.load import read_study
+from navsim.scenario.site_clearance import track_of
 from navsim.scenario_files.base import Section
 from navsim.scenario_files.source import InputError
 from navsim.simulation.landing_covariance import AnalysisError
@@ -656,7 +657,7 @@ def test_points_of_the_track_follow_close(speed: float) -> None:
     """From time 0 to the end, none farther from the next than the rule of nearness needs."""
     one = scenario(f"approach.speed_start_kmh={speed}", f"approach.speed_touchdown_kmh={speed}")
     trajectory = one.trajectory()
-    track = one.track(trajectory).points
+    track = track_of(one, trajectory).points
     steps = np.linalg.norm(np.diff(track, axis=0), axis=1)
     assert steps.max() <= TRACK_STEP + 1e-6
     ends = trajectory.motion(np.array([0.0, one.duration_s])).position_ecef

@@ -196,7 +196,7 @@ def test_places_and_clocks_are_drawn_for_each_run() -> None:
         *BRIEF, "duration_s=2", "pseudolites.survey_sigma_m=0.8", "pseudolites.clock_sigma_ns=4",
         "pseudolites.range_sigma_m=1e-6",
     ).shared  # fmt: skip
-    clean = flown.signals.range + flown.signals.delay + flown.clock[:, :1]
+    clean = flown.signals.range + flown.signals.range_bias + flown.clock[:, :1]
     off = np.array([(measured(flown, 5, run)[0] - clean)[:, -2:] for run in range(300)])
     assert np.ptp(off, axis=1).max() < 0.05
     first = off[:, 0]

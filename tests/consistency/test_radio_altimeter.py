@@ -13,7 +13,6 @@ from navsim.results.findings import of
 from navsim.results.result import read
 from navsim.runner.executor import threads
 from navsim.scenario_files.source import InputError
-from navsim.simulation.aiding import aids_of
 from tests.conftest import SCENARIOS
 from tests.helpers import case
 from tests.layout import as_declared
@@ -183,10 +182,3 @@ def test_what_cannot_be_is_refused(settings: tuple[str, ...], said: str) -> None
     with pytest.raises(InputError) as caught:
         case(*settings)
     assert said in str(caught.value.problems[0])
-
-
-def test_two_of_a_kind_are_refused() -> None:
-    flown = case("radio_altimeter.sigma_floor_m=1")
-    (model,) = flown.scenario.aiding()
-    with pytest.raises(ValueError, match="two of a kind"):
-        aids_of([model, model], flown.trajectory, 20.0, 100.0)

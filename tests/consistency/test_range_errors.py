@@ -17,7 +17,7 @@ from navsim.landing.study import Case
 from navsim.results.result import read
 from navsim.scenario_files.source import InputError
 from navsim.simulation import landing as simulation
-from navsim.simulation import measurements, shared_truth
+from navsim.simulation import measurements
 from navsim.simulation.run import MonitorOutput
 from navsim.statistics.random_streams import generator
 from tests.helpers import SCENARIOS, case
@@ -35,14 +35,14 @@ def ranges_of(c: Case, seed: int, runs: int) -> np.ndarray:
 def range_errors(c: Case, seed: int, runs: int) -> np.ndarray:
     """What is drawn of them by its believed sigma (run, e, s), of sources that are received throughout."""
     used = c.shared.signals.used.all(axis=0)
-    errors = (ranges_of(c, seed, runs) - shared_truth.without_noise(c.shared)[0]) / c.shared.signals.fix_sigma
+    errors = (ranges_of(c, seed, runs) - measurements.without_noise(c.shared)[0]) / c.shared.signals.fix_sigma
     return np.asarray(errors[..., used])
 
 
 def watched(c: Case, ranges: np.ndarray) -> MonitorOutput:
     """What the monitor says of the fixes from ranges (run, e, s), as many runs as there are lanes."""
     lanes = np.ascontiguousarray(np.moveaxis(ranges, 0, -1))
-    rates = in_all_lanes(shared_truth.without_noise(c.shared)[1])
+    rates = in_all_lanes(measurements.without_noise(c.shared)[1])
     fixes = measurements.receiver_fixes(c.shared, lanes, rates)
     return MonitorOutput.of_fixes(c.flight, in_all_lanes(c.shared.signals.antenna), lanes, fixes)
 
@@ -111,7 +111,7 @@ def test_believed_noise_is_what_it_was() -> None:
     s, run = c.shared.signals, 3
     drawn = generator(20263, run, "measurements").standard_normal((*s.range.shape, 2))
     ranges, rates = measurements.measured(c.shared, 20263, run)
-    expected = s.range + s.delay + c.shared.clock[:, :1] + s.sigma * drawn[..., 0]
+    expected = s.range + s.range_bias + c.shared.clock[:, :1] + s.sigma * drawn[..., 0]
     np.testing.assert_array_equal(ranges, np.where(s.used, expected, np.nan))
     expected = s.range_rate + c.shared.clock[:, 1:] + s.rate_sigma * drawn[..., 1]
     np.testing.assert_array_equal(rates, np.where(s.used, expected, np.nan))
@@ -120,7 +120,7 @@ def test_believed_noise_is_what_it_was() -> None:
 def test_heavier_noise_is_the_believed_one_wider_here_and_there() -> None:
     """The same normal numbers, times core or tail; range rates to the bit the same, runs independent of neighbours."""
     believed, heavier = case(*BRIEF), case(*BRIEF, HEAVIER)
-    exact = shared_truth.without_noise(believed.shared)[0]
+    exact = measurements.without_noise(believed.shared)[0]
     used = believed.shared.signals.used
     wide = 0
     for run in range(20):
@@ -149,7 +149,7 @@ def of_an_epoch(c: Case, e: int) -> tuple[np.ndarray, np.ndarray]:
     """Of a fix, by plain matrices: what whitened ranges do to the height (n,), and to the whitened residuals (n, n)."""
     s = c.shared.signals
     use = s.used[e]
-    clocks = s.clock[use][:, None] == np.unique(s.clock[use])
+    clocks = s.time_scale[use][:, None] == np.unique(s.time_scale[use])
     rows = np.concatenate([-s.los[e, use], clocks], axis=1) / s.fix_sigma[e, use][:, None]
     gain = np.linalg.inv(rows.T @ rows) @ rows.T
     return gain[2], np.eye(len(rows)) - rows @ gain

@@ -22,7 +22,7 @@ from navsim.simulation.along_truth import along_truth
 from navsim.simulation.importance_sampling import PushedRuns
 from navsim.simulation.landing import draw
 from navsim.simulation.landing_covariance import analyse
-from navsim.simulation.shared_truth import smoothed
+from navsim.simulation.measurements import smoothed
 from tests.consistency.test_rare_events import LINEAR
 from tests.helpers import case
 
@@ -183,5 +183,4 @@ def test_steered_runs(runs: int, counted: int) -> None:
         share = float((np.abs(errors[:, 0]) > limit).mean())
         outside = np.abs(pushed.per_run("error")[:, 0]) > limit
         (found, *_), relative, _ = weighted_share(pushed.per_run("log_weight"), outside, 10.0, 10.0)
-        print(chance, share, found, relative)
         assert abs(share - found) < 3.0 * math.hypot(relative * found, math.sqrt(share * (1.0 - share) / counted))

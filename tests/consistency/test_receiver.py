@@ -44,13 +44,13 @@ def many_fixes(settings: tuple[str, ...], epoch: int) -> tuple[np.ndarray, np.nd
     ranges, rates = np.empty((2, FIXES, len(s.names), 1))
     measure(
         normals([generator(1, 0, "measurements")], FIXES, len(s.names), 2), held(s.range[..., None]),
-        held(s.delay[..., None]), held(s.sigma[..., None]),
+        held(s.range_bias[..., None]), held(s.sigma[..., None]),
         held(s.range_rate[..., None]), held(s.rate_sigma), held(s.used), held(world.clock), ranges, rates,
     )  # fmt: skip
     llh, v, clocks = np.empty((FIXES, 3)), np.empty((FIXES, 3)), np.empty((FIXES, MAX_CLOCKS))
     cov = np.empty((FIXES, 6, 6))
     fixes(
-        world.start, held(s.position), held(s.velocity), held(s.sigma), held(s.rate_sigma), s.clock,
+        world.start, held(s.position), held(s.velocity), held(s.sigma), held(s.rate_sigma), s.time_scale,
         ranges[..., 0], rates[..., 0],
         llh, v, clocks, cov,
     )  # fmt: skip
@@ -128,14 +128,15 @@ def test_position_and_velocity_beside_a_near_pseudolite() -> None:
     for run in range(400):
         ranges, rates = np.empty((2, *s.range.shape, 1))
         measure(
-            normals([generator(1, run, "measurements")], *s.range.shape, 2), s.range[..., None], s.delay[..., None],
-            s.sigma[..., None], s.range_rate[..., None], s.rate_sigma, s.used, world.clock, ranges, rates,
+            normals([generator(1, run, "measurements")], *s.range.shape, 2), s.range[..., None],
+            s.range_bias[..., None], s.sigma[..., None], s.range_rate[..., None], s.rate_sigma, s.used, world.clock,
+            ranges, rates,
         )  # fmt: skip
         e = s.time.size
         llh, v, clocks, cov = np.empty((e, 3)), np.empty((e, 3)), np.empty((e, MAX_CLOCKS)), np.empty((e, 6, 6))
         fixes(
-            world.start, s.position, s.velocity, s.sigma, s.rate_sigma, s.clock, ranges[..., 0], rates[..., 0], llh, v,
-            clocks, cov,
+            world.start, s.position, s.velocity, s.sigma, s.rate_sigma, s.time_scale, ranges[..., 0], rates[..., 0],
+            llh, v, clocks, cov,
         )  # fmt: skip
         antenna = at.position_ecef + np.einsum("nji,nj->ni", c_ne, arm)
         position = np.einsum("nij,nj->ni", c_ne, earth.ecef_from_llh(llh) - antenna)
@@ -161,12 +162,12 @@ def test_every_system_has_a_clock_of_its_own() -> None:
     """Three systems, six unknowns; clocks of systems that are not in the sky are not solved for."""
     flown = case("sky.source=nominal", "sky.systems=[gps, galileo, beidou]", "duration_s=20", "pseudolites.count=0")
     s = flown.shared.signals
-    assert {CLOCKS[c] for c in s.clock} == {"gps", "galileo", "beidou"}
+    assert {CLOCKS[c] for c in s.time_scale} == {"gps", "galileo", "beidou"}
     run = flown.fly(1, 0)
     known = [CLOCKS.index(name) for name in ("gps", "galileo", "beidou")]
     assert np.isfinite(run.fix_clock[:, known]).all()
     assert np.isnan(np.delete(run.fix_clock, known, axis=1)).all()
-    _, unknowns = geometry_covariance(s.los, s.clock, 1.0 / s.fix_sigma**2)
+    _, unknowns = geometry_covariance(s.los, s.time_scale, 1.0 / s.fix_sigma**2)
     assert (unknowns == 6).all()
     offset = 299792458.0 * (100e-6 + 50e-9 * s.time)
     np.testing.assert_allclose(np.mean(run.fix_clock[:, known] - offset[:, None], axis=0), 0.0, atol=1.0)

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from navsim.filter import states
 from navsim.landing.study import covariance_analysis, fly_all
-from navsim.results.result import read
 from navsim.runner.executor import threads
-from tests.conftest import SCENARIOS
 from tests.helpers import case, in_brief
-from tests.layout import as_declared
-from tests.product.test_run import navsim
 
 GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1", "duration_s=60")
 SCALED = ("imu.gyro.scale_ppm=20000", "imu.accelerometer.scale_ppm=20000")
@@ -83,28 +77,7 @@ def test_the_default_follows_those_that_are_large() -> None:
     assert straight.groups[5:] == ("accelerometer_scale",)
 
 
-def test_smoothed_with_them() -> None:
-    flown = case(*GENTLE, *SCALED, FOLLOWED, "filter.kind=rts", name="s_turn")
-    runs = fly_all(flown, 14, 0, 150, threads())
-    nees = runs["nees_position_velocity"].mean(axis=0)[5:].mean() / 6
-    assert 0.85 < nees < 1.2, nees
-
-
 def test_without_them_nothing_is_drawn() -> None:
     """A scale of zero takes no random numbers: flights are those without the key, to the bit."""
     a, b = (case("duration_s=20", *more).fly(1, 0) for more in ((), ("imu.gyro.scale_ppm=0",)))
     np.testing.assert_array_equal(a.error, b.error)
-
-
-def test_result_names_its_states(tmp_path: Path) -> None:
-    """Of the sensors that have scale factors: here the gyros alone."""
-    settings = [word for key in ("duration_s=20", "imu.gyro.scale_ppm=300", FOLLOWED) for word in ("--set", key)]
-    done = navsim(
-        "run", SCENARIOS / "landing.yaml", *settings, "--runs", 4, "--figures", "none", "-o", "a.h5", cwd=tmp_path
-    )
-    assert "NEES, 18 states" in done.stdout
-    result = read(tmp_path / "a.h5")
-    as_declared(result)
-    assert list(result["/filter/state"][-3:]) == [f"gyro_scale_{axis}" for axis in "xyz"]
-    assert result["/filter/error"].shape[2] == 18
-    assert list(result["/summary/consistency/group"])[-2:] == ["accelerometer_bias", "gyro_scale"]

@@ -51,7 +51,7 @@ def test_what_is_drawn_of_ranges_and_rates() -> None:
     quiet = ("pseudolites.range_sigma_m=1e-6", "pseudolites.range_rate_sigma_m_s=1e-6", "duration_s=12")
     world = case(*BRIEF, *WANDER, *quiet).shared
     s = world.signals
-    clean = (s.range + s.delay + world.clock[:, :1], s.range_rate + world.clock[:, 1:])
+    clean = (s.range + s.range_bias + world.clock[:, :1], s.range_rate + world.clock[:, 1:])
     still = case(*BRIEF, *quiet).shared
     off = []
     for run in range(300):

@@ -27,7 +27,7 @@ from navsim.report import figure_data
 from navsim.results.result import read
 from navsim.runner.statistics import share_interval
 from navsim.simulation import landing as simulation
-from navsim.simulation import measurements, shared_truth
+from navsim.simulation import measurements
 from navsim.simulation.run import MonitorOutput
 from tests.conftest import DATA
 from tests.helpers import SCENARIOS, case, in_brief
@@ -62,7 +62,7 @@ def anew(c: Case, ranges: np.ndarray, e: int, without: tuple[str, ...] = ()) -> 
     """The fix of an epoch from measured ranges (e, s), some sources left out."""
     s = c.shared.signals
     use = s.used[e] & ~np.isin(s.names, without)
-    return fixed_by(s.position[e, use], s.clock[use], s.fix_sigma[e, use], ranges[e, use])
+    return fixed_by(s.position[e, use], s.time_scale[use], s.fix_sigma[e, use], ranges[e, use])
 
 
 def test_residuals_are_those_of_the_fix() -> None:
@@ -84,7 +84,7 @@ def test_separations_are_those_of_fixes_without_the_fault() -> None:
     """The largest difference of fixes by its threshold, each fault's sources really left out. Ranges are not linearised
     there, so errors are made small: ten metres beside a pseudolite 1 km away turn its direction by a hundredth."""
     c = brief(MHSS)
-    exact, rates = shared_truth.without_noise(c.shared)
+    exact, rates = measurements.without_noise(c.shared)
     measured = exact + 0.01 * (measurements.measured(c.shared, 5, 3)[0] - exact)
     lanes = in_all_lanes(measured)
     fixes = measurements.receiver_fixes(c.shared, lanes, in_all_lanes(rates))
@@ -109,7 +109,7 @@ def test_levels_of_a_landing_by_plain_matrices() -> None:
     c = brief(CHI2)
     monitor, s = c.flight.monitor, c.shared.signals
     assert monitor is not None
-    exact, _ = shared_truth.without_noise(c.shared)
+    exact, _ = measurements.without_noise(c.shared)
     for e in (0, 20, s.time.size - 1):
         _, _, rows = anew(c, exact, e)
         sigma = s.fix_sigma[e, s.used[e]]
@@ -358,8 +358,9 @@ def test_levels_of_other_forms(tmp_path: Path) -> None:
         heard = signals.used[0]
         enu = ned_matrix(llh_from_ecef(signals.antenna[0]))[[1, 0, 2]] * np.array([[1.0], [1.0], [-1.0]])
         away = (signals.position[0, heard] - signals.antenna[0]) @ enu.T
-        h = np.hstack([-away / np.linalg.norm(away, axis=1)[:, None],
-                       (signals.clock[heard, None] == np.unique(signals.clock[heard])).astype(float)])  # fmt: skip
+        scale = signals.time_scale[heard]
+        clock = (scale[:, None] == np.unique(scale)).astype(float)
+        h = np.hstack([-away / np.linalg.norm(away, axis=1)[:, None], clock])
         sigma = signals.fix_sigma[0, heard]
         s = axis @ np.linalg.solve(h.T @ (h / sigma[:, None] ** 2), h.T / sigma**2)[:3]
         level = 4.0 * np.abs(s).sum() + 2.935 * np.sqrt(s**2 @ (sigma**2 + 1.5**2))
@@ -472,7 +473,7 @@ def test_levels_in_axes_of_the_runway(heading: float) -> None:
         return
     e = 11
     use, turn = s.used[e], np.radians(heading)
-    clock = (s.clock[use][:, None] == np.unique(s.clock[use])).astype(float)
+    clock = (s.time_scale[use][:, None] == np.unique(s.time_scale[use])).astype(float)
     rows = np.concatenate([-s.los[e, use], clock], axis=1)
     sigma, names = s.fix_sigma[e, use], np.array(s.names)[use]
     nominal = np.array([0.25 if name.startswith("PL") else 0.75 for name in names])

@@ -101,8 +101,8 @@ def test_air_lengthens_the_ranges_of_pseudolites() -> None:
         ))
     )  # fmt: skip
     count = 2
-    added = thick.delay - plain.delay
+    added = thick.range_bias - plain.range_bias
     assert not added[:, :-count].any()
     per_km = added[:, -count:] / plain.range[:, -count:] * 1000.0
     assert np.all((per_km > 0.31) & (per_km < 0.32))
-    np.testing.assert_allclose(corrected.delay - plain.delay, added * 20.0 / 320.0, atol=1e-12)
+    np.testing.assert_allclose(corrected.range_bias - plain.range_bias, added * 20.0 / 320.0, atol=1e-12)

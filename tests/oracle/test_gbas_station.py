@@ -126,7 +126,7 @@ def test_levels_of_runs(within: Within) -> None:
         heard = signals.used[e]
         north = ned_matrix(llh_from_ecef(signals.antenna[e]))
         away = (signals.position[e, heard] - signals.antenna[e]) @ north.T
-        clocks = signals.clock[heard, None] == np.unique(signals.clock[heard])
+        clocks = signals.time_scale[heard, None] == np.unique(signals.time_scale[heard])
         h = np.hstack([-away / np.linalg.norm(away, axis=1)[:, None], clocks.astype(float)])
         sigma = signals.fix_sigma[e, heard]
         s = axes @ np.linalg.solve(h.T @ (h / sigma[:, None] ** 2), h.T / sigma**2)[:3]

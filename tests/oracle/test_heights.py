@@ -148,25 +148,6 @@ def test_a_filter_follows_errors_that_last(kind: tuple[str, str]) -> None:
     np.testing.assert_allclose((found / np.sqrt(variance))[10:, states.R_D].mean(), 1.0, atol=0.1)
 
 
-def test_both_altimeters_fly_together() -> None:
-    """Every vertical error below 30 m as large as the filter believes; less than with either alone."""
-    both = ("radio_altimeter.sigma_floor_m=0.3", UNDULATION, BARO % "lag_s: 0.4, isa_deviation_k: -15, rate_hz: 5")
-    flown = case(*GENTLE, "duration_s=61", "filter.kind=eskf", *both)
-    runs = fly_all(flown, 8, 0, 400, threads())
-    assert [aid.sensor.name for aid in flown.shared.aids] == ["radio_altimeter", "barometric_altimeter"]
-    height = np.interp(flown.shared.filter_time, flown.shared.truth.time, flown.shared.truth.llh[:, 2])
-    low = (height < 30.0) & (height > 0.1)
-    nees = runs["nees_position_velocity"].mean(axis=0)[low] / 6
-    assert 0.9 < nees.mean() < 1.15, nees
-    squares, weighed = (runs.per_run(f"aided_{name}").sum(axis=0) for name in ("innovations", "weighed"))
-    np.testing.assert_allclose(squares / weighed, 1.0, atol=0.03)
-    assert np.sqrt(np.mean(runs["error"][:, low, states.R_D] ** 2)) < 0.15
-
-
-def test_two_heights_are_one_better() -> None:
-    assert 1.0 / np.sqrt(1.0 / 3.0**2 + 1.0 / 0.2286**2) == pytest.approx(0.2279, abs=1e-4)
-
-
 def test_runways_above_sea_level() -> None:
     """The same runway, by its height above the ellipsoid and above the geoid."""
     ellipsoid = case(*GENTLE, "runway.height_m=200.5")

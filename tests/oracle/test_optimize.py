@@ -159,7 +159,7 @@ def test_sites_are_chosen_from_all_combinations(tmp_path: Path) -> None:
         every = places[np.array(list(itertools.combinations(range(14), count)))]
         assert found[count].value == pytest.approx(float(here.value(every).min()), rel=1e-12)
         assert found[count].every
-    import navsim.optimization.search as module
+    import navsim.optimization.site_choice as module
 
     tried, module.ALL_CHOICES = module.ALL_CHOICES, 10
     try:

@@ -132,7 +132,7 @@ def test_sites_under_requirements_are_all_tried(tmp_path: Path) -> None:
         assert found[count].every
         assert (found[count].value, found[count].load) == (judged.objective[best], judged.load[best])
         np.testing.assert_array_equal(found[count].places, every[best])
-    import navsim.optimization.search as module
+    import navsim.optimization.site_choice as module
 
     tried, module.ALL_WATCHED = module.ALL_WATCHED, 10
     try:

@@ -26,8 +26,7 @@ from navsim.landing.study import Case, covariance_analysis
 from navsim.simulation.flight import exact_clock
 from navsim.simulation.landing import draw
 from navsim.simulation.measurement_tables import table_of_fixes, table_of_ranges
-from navsim.simulation.measurements import receiver_fixes
-from navsim.simulation.shared_truth import without_noise
+from navsim.simulation.measurements import receiver_fixes, without_noise
 from tests.conftest import DATA, Within
 from tests.helpers import case
 
@@ -193,7 +192,7 @@ def of_all_unknowns(ready: Case, epoch: int, k: int) -> tuple[np.ndarray, np.nda
     velocity = truth.velocity_ned[k] + truth.c_nb[k] @ np.cross(turning, arm)
     relative = s.velocity[0, heard] @ c_ne.T - velocity
     along = np.sum(u * relative, axis=1, keepdims=True)
-    clocks = (s.clock[heard, None] == np.array(world.scales)).astype(float)
+    clocks = (s.time_scale[heard, None] == np.array(world.scales)).astype(float)
     none, one = np.zeros((u.shape[0], 1)), np.ones((u.shape[0], 1))
     by_range = np.hstack([-u, np.zeros_like(u), clocks, none]) / s.fix_sigma[0, heard, None]
     by_rate = np.hstack([(along * u - relative) / distance[:, None], -u, 0.0 * clocks, one])

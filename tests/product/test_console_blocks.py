@@ -110,11 +110,7 @@ DEAR = ("how-to/beacons.md", "how-to/figure.md", "how-to/ranges.md")
 
 @pytest.mark.parametrize(
     "page",
-    [
-        pytest.param(page, marks=[pytest.mark.long] if page in DEAR else [])
-        for page in PAGES
-        if page != TUTORIAL
-    ],
+    [pytest.param(page, marks=[pytest.mark.long] if page in DEAR else []) for page in PAGES if page != TUTORIAL],
 )
 def test_commands_say_what_pages_show(page: str, tmp_path: Path) -> None:
     followed(PAGES[page], tmp_path)

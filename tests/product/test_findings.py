@@ -189,13 +189,6 @@ def test_said_kept_and_refused(tmp_path: Path) -> None:
     assert warnings_of(shown) == warnings_of(done)
 
 
-def test_require_consistent(tmp_path: Path) -> None:
-    sure = [word for setting in SURE for word in ("--set", setting)]
-    command = ("run", SCENARIOS / "landing.yaml", *sure, "--set", "duration_s=65", "-q", "--require-consistent")
-    done = navsim(*command, "-o", tmp_path / "tiny.h5", cwd=tmp_path, code=3)
-    assert "error: --require-consistent: errors of position and velocity, normalised" in done.stderr
-
-
 def test_combinations_without_a_fix(tmp_path: Path) -> None:
     """By what was flown: their geometry has a solution at every epoch."""
     (tmp_path / "lost.yaml").write_text(

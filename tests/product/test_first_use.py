@@ -120,27 +120,6 @@ def test_nor_do_those_that_are_found_to_be_enough(tmp_path: Path) -> None:
     navsim(*until, cwd=tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("first", "second"),
-    [((), ("--runs", 2)), (("--method", "covariance"), ("--runs", 3))],
-)
-def test_another_sort_of_result_is_not_overwritten(
-    first: tuple[object, ...], second: tuple[object, ...], tmp_path: Path
-) -> None:
-    common = ("run", LANDING, *BRIEF, "-q", "-o", "r.h5")
-    navsim(*common, *first, cwd=tmp_path)
-    before = (tmp_path / "r.h5").read_bytes()
-    there = read_kind(tmp_path / "r.h5")
-    refused = navsim(*common, *second, cwd=tmp_path, code=2)
-    assert (tmp_path / "r.h5").read_bytes() == before
-    navsim(*common, *second, "--force", cwd=tmp_path)
-    new = read_kind(tmp_path / "r.h5")
-    assert new != there
-    for word in ("r.h5", str(there), str(new), "--force", "-o"):
-        assert word in refused.stderr
-    navsim(*common, *second, cwd=tmp_path)  # the same sort again is an update
-
-
 def test_every_command_refuses_results_of_other_kinds(tmp_path: Path) -> None:
     """run, sweep, optimize, replay, live, table2 and integrity-table share one check, one message and one way out."""
     navsim("run", LANDING, *BRIEF, "-q", "-o", "r.h5", cwd=tmp_path)
@@ -329,18 +308,6 @@ def test_what_the_list_of_kinds_names_is_there(kind: str) -> None:
         assert issubclass(section, Section)
         assert get_args(section.model_fields["kind"].annotation) == (kind,)
         assert callable(named(here.job))
-
-
-def test_a_wrong_choice_lists_the_right_ones(tmp_path: Path) -> None:
-    for arguments, allowed in (
-        (("run", LANDING, "--keep", "some"), ("errors", "all", "none")),
-        (("run", LANDING, "--method", "dop"), ("monte-carlo", "covariance")),
-        (("sweep", SCENARIOS / "placement_sweep.yaml", "--method", "rms"), ("dop", "covariance", "monte-carlo")),
-        (("schema", "landnig"), tuple(OF_FILES)),
-        (("init", "landnig"), tuple(shipped.names())),
-    ):
-        said = navsim(*arguments, cwd=tmp_path, code=2).stderr
-        assert all(word in said for word in allowed), said
 
 
 def test_version(tmp_path: Path) -> None:

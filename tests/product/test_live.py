@@ -398,7 +398,9 @@ def test_a_receiver_beside_the_flight_is_told(
     assert (re.search(said, wrong) is not None) if said else (wrong, warned) == ("", [])
 
 
-@pytest.mark.parametrize(("east", "said"), [(0.0, ""), (40.0, r"[34]\d\.\d m east of the"), (-40.0, "m west of")])
+@pytest.mark.parametrize(
+    ("east", "said"), in_brief([(0.0, ""), (40.0, r"[34]\d\.\d m east of the"), (-40.0, "m west of")], 0, 1)
+)
 def test_a_receiver_beside_a_flight_that_turns_is_told(circled: Any, east: float, said: str) -> None:
     """It is now on one side of the course, now on the other, so that the mean across does not show it."""
     c, _, table, _ = circled

@@ -35,7 +35,6 @@ from tests.recordings import sentences_of, write_flight
 
 LANDING = SCENARIOS / "landing.yaml"
 SHORT = {"duration_s": 20, "imu.rate_hz": 20, "receiver.rate_hz": 2}
-SHORT_WORDS = [word for key, value in SHORT.items() for word in ("--set", f"{key}={value}")]
 STUDY = """
 kind: sweep
 version: 1
@@ -129,21 +128,6 @@ def test_a_sweep_is_the_one_of_the_command_line(study: Path, tmp_path: Path) -> 
     assert made.tree["sweep/pdop"].shape == (5, 4)
 
 
-def test_runs_of_a_search_are_those_of_the_command_line(tmp_path: Path) -> None:
-    study = {
-        "kind": "optimize", "version": 1, "base": str(SCENARIOS / "landing_gnss_only.yaml"), "objective": "vertical",
-        "set": {"receiver.rate_hz": 1, "imu.rate_hz": 10, "duration_s": 61}, "pseudolites": [1],
-        "sites": [{"s_m": 300, "l1_m": 1500}],
-    }  # fmt: skip
-    (tmp_path / "study.yaml").write_text(yaml.safe_dump(study))
-    command("optimize", "study.yaml", "--runs", "8", "-o", "cli.h5", "--figures", "none", cwd=tmp_path)
-    made = navsim.optimize(tmp_path / "study.yaml", runs=8, output=tmp_path / "api.h5")
-    same(tmp_path / "cli.h5", made.path)
-    assert made["flown/runs"].tolist() == [8]
-    value, low, high = made["flown/objective"][0]
-    assert 0.0 < low < value < high
-
-
 def test_a_replay_is_the_one_of_the_command_line(tmp_path: Path) -> None:
     log = SCENARIOS / "recorded_flight.yaml"
     command("replay", str(log), "--set", "tuning=none", "-o", "cli.h5", "--figures", "none", cwd=tmp_path)
@@ -229,11 +213,6 @@ def test_bad_input_says_so(call: Any, said: str, tmp_path: Path, monkeypatch: An
         call()
     assert any(said in line for line in problems(caught.value)), problems(caught.value)
     assert not list(tmp_path.iterdir())
-
-
-def test_an_unknown_keyword_is_pythons_own_error() -> None:
-    with pytest.raises(TypeError, match="unexpected keyword argument 'runz'"):
-        navsim.run(LANDING, runz=3)
 
 
 def test_what_must_stay_is_refused_with_the_option_that_helps(made: navsim.ResultFile, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,8 @@ from PIL import Image
 
 from navsim.results.result import read
 from tests.conftest import SCENARIOS
-from tests.forks import navsim, shared
+from tests.forks import navsim
 from tests.layout import as_declared
-from tests.steps import KILL, PIECE
 
 FAST = ("--set", "filter.kind=eskf", "--set", "receiver.rate_hz=1", "--set", "imu.rate_hz=20")
 BOX = ("--set", "box={lateral_m: 2.4, vertical_m: 3.6}")
@@ -170,15 +168,3 @@ def test_rejected_fixes_are_reported(place: Path) -> None:
 def test_refused(words: tuple[str, ...], message: str, place: Path) -> None:
     done = navsim(*RARE, *words, cwd=place, code=2)
     assert message in done.stderr
-
-
-def test_killed_and_resumed(place: Path) -> None:
-    """A study that is interrupted goes on to the same numbers, to the bit."""
-    whole = (*RARE, "--runs", 256, "-q", "--workers", 1)
-    navsim(*whole, "-o", "whole.h5", cwd=place)
-    cut = (*whole, "-o", "cut.h5")
-    assert shared().run(*cut, cwd=place, what=KILL, at=4, of=PIECE).code == -signal.SIGKILL
-    assert len(list((place / "cut.h5.partial").glob("*.npz"))) == 3
-    navsim(*cut, cwd=place)
-    for name in ("/rare/error", "/rare/log_weight", "/summary/rare/probability"):
-        np.testing.assert_array_equal(read(place / "cut.h5")[name], read(place / "whole.h5")[name])

@@ -129,16 +129,6 @@ def test_only_what_a_receiver_measured_is_flown(tmp_path: Path) -> None:
     assert f" {len(whole) // 2 - 4} fixes" in said
 
 
-def test_sentences_without_checksums_fly_when_lenient(tmp_path: Path) -> None:
-    whole = sentences_of(SCENARIOS / "data" / "flight_gnss.csv")
-    (tmp_path / "fixes.nmea").write_text("\r\n".join(line.split("*")[0] for line in whole))
-    fixes = f"gnss.file={tmp_path / 'fixes.nmea'}"
-    code, said = replayed(tmp_path, fixes)
-    assert (code, "to read them, write `skip_bad_records: true`" in said) == (2, True)
-    code, said = replayed(tmp_path, fixes, "skip_bad_records=true")
-    assert (code, "warning" in said) == (0, False)
-
-
 OF_FIXES = [made for made in MISTAKES if next(iter(made.remedy)).startswith("gnss.")]
 VERTICAL = {"vertical velocity in km/h", "vertical velocity in ft/min", "climb in ft/min"}
 UNSEEN = {"height in feet", "vertical sign", *VERTICAL}

@@ -21,7 +21,6 @@ from rich.console import Console, RenderableType
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from navsim.cli.common import Shown, print_tables
 from navsim.cli.main import app
 from navsim.companions.atc import report as atc
 from navsim.companions.atc import study as atc_study
@@ -29,17 +28,14 @@ from navsim.companions.azimuth import report as azimuth
 from navsim.companions.elevation import mls
 from navsim.companions.elevation import report as elevation
 from navsim.companions.elevation import study as elevation_study
-from navsim.filter import states
-from navsim.formats.export import choose_run, export
 from navsim.landing import study as landing
-from navsim.live import report as live_report
 from navsim.optimization import report as optimize_report
 from navsim.page import touchdown
 from navsim.report import figure_data, figures, limits, printing, summary_tables
 from navsim.report.landing import VIEW
 from navsim.report.ridges import ShownRidge, shown_ridges
 from navsim.report.table import Table, console
-from navsim.results.result import Result, ResultError, Variable, read, write
+from navsim.results.result import Result, read, write
 from navsim.runner.executor import threads
 from navsim.scenario.load import read_for, read_study, resolved_yaml
 from navsim.sweeps import report as sweep_report
@@ -274,12 +270,6 @@ def test_states_are_shown_in_their_units() -> None:
     assert (shown[21].label, shown[21].axis, shown[21].scale) == ("further slow satellite errors, prior σ", "1", 1.0)
 
 
-def test_a_comparison_fits_120_columns(one: Result, many: Result, capsys: pytest.CaptureFixture[str]) -> None:
-    print_tables([("one", one), ("many", many)], Shown(compare=True))
-    lines = capsys.readouterr().out.splitlines()
-    assert 80 < max(map(len, lines)) <= 120
-
-
 def test_figures_of_an_ensemble_show_the_ensemble(one: Result, many: Result) -> None:
     alone, ensemble = drawn(one), drawn(many)
     for name in ("errors", "fixes", "nees"):
@@ -295,25 +285,6 @@ def test_figures_of_an_ensemble_show_the_ensemble(one: Result, many: Result) -> 
     points = ensemble["fixes"].axes[0].lines[0].get_xydata()
     assert len(points) == 6 * one["/receiver/time"].size
     np.testing.assert_allclose(ensemble["nees"].axes[0].lines[0].get_ydata(), many["/filter/nees"].mean(axis=0) / 15)
-
-
-def test_an_ensemble_on_disk_is_drawn_like_one_in_memory(many: Result, tmp_path: Path) -> None:
-    """Histories kept as blocks."""
-    write(tmp_path / "many.h5", many)
-    again = read(tmp_path / "many.h5")
-    with mpl.rc_context(printing.STYLE):
-        there = figures.landing(again)["errors"]
-    here = drawn(many)["errors"]
-    assert len(here.axes) == 15
-    for ours, theirs in zip(here.axes, there.axes, strict=True):
-        assert len(ours.lines) >= RUNS + 2
-        for a, b in zip(ours.lines, theirs.lines, strict=True):
-            np.testing.assert_allclose(a.get_xydata(), b.get_xydata(), rtol=1e-12)
-
-
-def test_panels_of_the_track_share_their_distances(many: Result) -> None:
-    plan, profile = drawn(many)["track"].axes
-    assert plan.get_xlim() == profile.get_xlim()
 
 
 def test_sources_of_a_budget_can_be_told_apart(linear: Result) -> None:
@@ -433,21 +404,6 @@ def test_an_ensemble_says_which_run_is_exported(many: Result, tmp_path: Path, mo
     assert "runs 0 to 5" in refused.stderr
 
 
-def test_one_run_is_exported_as_ever(one: Result, tmp_path: Path) -> None:
-    chosen, said = choose_run(one, None)
-    assert said is None
-    assert chosen.attributes == one.attributes
-    assert list(chosen.variables) == list(one.variables)
-    for path in one.variables:
-        np.testing.assert_array_equal(chosen[path], one[path])
-    export(one, tmp_path / "one.h5", ["csv"])
-    head, _ = table(tmp_path / "one_filter.csv")
-    named = [f"{n}_{unit.replace('/', '_')}" for n, unit in zip(states.NAMES, states.UNITS, strict=True)]
-    assert head == ["t_s", *(f"error_{n}" for n in named), *(f"sigma_{n}" for n in named)]
-    with pytest.raises(ResultError, match="holds run 0"):
-        choose_run(one, 3)
-
-
 # --- the companions: what is drawn stands in the file
 
 
@@ -500,21 +456,6 @@ def test_azimuth_names_its_filters_by_the_scenario() -> None:
     words = azimuth.filter_labels(Result({"scenario": resolved_yaml(scenario)}, {}))
     assert words["S1"] == "Singer, 0.7 m/s²"
     assert words["S2"] == "Singer, 4 m/s²"
-
-
-def test_the_figure_of_a_live_run_fits_its_page() -> None:
-    time = np.linspace(0.0, 60.0, 61)
-    history = np.zeros((61, 15))
-    variables = {
-        "/filter/time": Variable(("time",), time, "s", "time"),
-        "/filter/error": Variable(("time", "state"), history, "m", "error"),
-        "/filter/sigma": Variable(("time", "state"), history + 1.0, "m", "sigma"),
-    }
-    with mpl.rc_context(printing.STYLE):
-        figure = live_report.figures(Result({}, variables))["errors"]
-    figure.draw_without_rendering()
-    check_page("live", figure)
-    assert {"±3σ", "truth minus estimate"} <= set(words_of(figure).splitlines())
 
 
 # --- maps of sweeps

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import signal
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -21,11 +20,9 @@ from navsim.gnss.dop import dops
 from navsim.results.findings import several
 from navsim.results.result import read
 from navsim.results.schema import NOT_REPEATED, PROVENANCE
-from tests import forks
 from tests.conftest import SCENARIOS
 from tests.forks import navsim
 from tests.layout import as_declared
-from tests.steps import PIECE
 
 SHORT = ("--set", "duration_s=65")
 QUICK = (*SHORT, "--set", "imu.rate_hz=20", "--set", "receiver.rate_hz=1")
@@ -249,19 +246,6 @@ def test_short_flight_without_touchdown(place: Path) -> None:
     r = read(place / "s.h5")
     assert np.all(np.isnan(r["/summary/at/vertical"][0]))
     assert np.isfinite(r["/summary/rms/horizontal"][0])
-
-
-def test_a_kill_leaves_no_half_file(place: Path) -> None:
-    """SIGKILL in the middle: nothing under the final name but what was there before."""
-    file = place / "killed.h5"
-    navsim("run", SCENARIOS / "landing.yaml", *SHORT, "--runs", 2, "-q", "-o", file, cwd=place)
-    before = file.read_bytes()
-    many = (*QUICK, "--set", "filter.kind=eskf", "--runs", 10_000, "--workers", 1, "--keep", "none", "-q", "-o", file)
-    # as the second batch is about to be kept
-    done = forks.shared().run("run", SCENARIOS / "landing.yaml", *many, cwd=place, what="SIGKILL", at=2, of=PIECE)
-    assert done.code == -signal.SIGKILL
-    assert file.read_bytes() == before
-    assert {p.name for p in place.glob("*killed.h5*")} == {"killed.h5", "killed.h5.partial", ".killed.h5.lock"}
 
 
 def test_full_disk_is_a_clear_error(place: Path) -> None:

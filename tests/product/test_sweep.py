@@ -177,16 +177,6 @@ def test_killed_twice_with_damage_on_the_way(place: Path, grid: Path) -> None:
     assert not folder.exists()
 
 
-def test_full_disk_keeps_what_is_finished(place: Path) -> None:
-    file = study(place, "full", GRID)
-    command = ("sweep", file, "-o", "full.h5", "-q", "--workers", 1)
-    forks.shared().run(*command, cwd=place, what=KILL, at=3, of=PIECE)
-    failed = navsim(*command, cwd=place, code=3, file_bytes=50_000)
-    assert "full.h5" in failed.stderr
-    assert len(list((place / "full.h5.partial").glob("*.npz"))) == 2
-    assert not (place / "full.h5").exists()
-
-
 def test_another_study_is_refused(place: Path) -> None:
     target = place / "other.h5"
     folder = Path(f"{target}.partial")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import shutil
 from pathlib import Path
 
@@ -68,15 +67,6 @@ def test_result_is_a_tree_others_can_open(made: tuple[Path, str]) -> None:
     assert sorted(p.name for p in folder.glob("*.png")) == sorted(
         Path(line).name for line in navsim("plot", "table2.h5", cwd=folder).stdout.split()
     )
-
-
-@pytest.mark.long
-def test_repeatable_for_any_number_of_workers(made: tuple[Path, str], tmp_path: Path) -> None:
-    folder, _ = made
-    navsim("table2", "--runs", 12, "-q", "--workers", 1, "-o", tmp_path, cwd=tmp_path)
-    for name in (*(f"{n}.csv" for n in NAMES), "table2.md"):
-        digests = {hashlib.sha256((place / name).read_bytes()).hexdigest() for place in (folder, tmp_path)}
-        assert len(digests) == 1, name
 
 
 def test_claims_are_judged(made: tuple[Path, str]) -> None:

@@ -40,7 +40,7 @@ def test_numbers_of_a_landing_are_those_of_its_arrays(more: tuple[str, ...]) -> 
     run = here.fly(1, 0)
     assert told.samples == here.shared.dtheta.shape[0]
     assert (told.epochs, told.sources) == run.pseudorange.shape == here.shared.signals.range.shape
-    assert told.clocks == len(set(here.shared.signals.clock[np.any(here.shared.signals.used, axis=0)].tolist()))
+    assert told.clocks == len(set(here.shared.signals.time_scale[np.any(here.shared.signals.used, axis=0)].tolist()))
     for name in Run.__dataclass_fields__:
         assert history_bytes(name, told.sizes()) == getattr(run, name).nbytes, name
 

@@ -11,8 +11,7 @@ from navsim.error_propagation.sensitivity_propagation import LinearisedHistory, 
 from navsim.filter.states import MAX_MEASUREMENT_SIZE, SENSORS
 from navsim.gnss.clock_noise import step_covariance
 from navsim.simulation.along_truth import along_truth
-from navsim.simulation.measurements import receiver_fixes
-from navsim.simulation.shared_truth import without_noise
+from navsim.simulation.measurements import receiver_fixes, without_noise
 from tests.helpers import case
 
 N, SIZE = 15, 21

@@ -26,12 +26,17 @@ SOURCES = sorted(p for folder in FOLDERS for p in (ROOT / folder).rglob("*.py"))
 THEORY = sorted((ROOT / "docs" / "theory").glob("*.md"))
 REFERENCE = ROOT / "docs" / "reference"
 """Pages that the schemas make with the site: they are read as they are made, whether there is a site or not."""
-GENERATED = {REFERENCE / name: text for name, text in script("reference").pages().items()}
 PAGES = [
     *(ROOT / name for name in ("README.md", "CHANGELOG.md")),
     *sorted(path for path in (ROOT / "docs").rglob("*.md") if not path.is_relative_to(REFERENCE)),
-    *GENERATED,
 ]
+"""Those of the tree."""
+
+
+@cache
+def generated() -> dict[Path, str]:
+    return {REFERENCE / name: text for name, text in script("reference").pages().items()}
+
 
 _LINK = re.compile(r"!?\[([^\]\n]*)\]\(([^)\s]+)(?: \"([^\"]*)\")?\)")
 _NUMBERS = r"\(?\d+\)?(?:(?:,|\s+to|\s+and)\s+\(?\d+\)?)*"
@@ -55,7 +60,7 @@ class Page:
 
 def text_of(path: Path) -> str:
     """The text of a page."""
-    return GENERATED[path] if path in GENERATED else path.read_text(encoding="utf-8")
+    return generated()[path] if path in generated() else path.read_text(encoding="utf-8")
 
 
 @cache
@@ -121,7 +126,7 @@ def missing(text: str, folder: Path) -> tuple[int, list[str]]:
             continue
         count += 1
         places = [Path(os.path.normpath(base / found["page"])) for base in (ROOT, folder)]
-        target = next((p for p in places if p.is_file() or p in GENERATED), None)
+        target = next((p for p in places if p.is_file() or p in generated()), None)
         if target is None:
             out.append(f"{found[0]}: no such page")
             continue
@@ -158,24 +163,25 @@ def dead_links(path: Path, text: str) -> list[str]:
             continue
         file, _, anchor = link.partition("#")
         there = Path(os.path.normpath(path.parent / file)) if file else path
-        is_built = there in GENERATED
-        there_for_readers = there.exists() or is_built if path in GENERATED else there.exists() and not is_built
+        is_built = there in generated()
+        there_for_readers = there.exists() or is_built if path in generated() else there.exists() and not is_built
         if not there_for_readers or (anchor and anchor not in page(there).anchors):
             out.append(f"a link to {link}")
         if title.startswith("reference/"):
             file, _, anchor = title.partition("#")
             built = Path(os.path.normpath(there.parent / file))
-            if built not in GENERATED or (anchor and anchor not in page(built).anchors):
+            if built not in generated() or (anchor and anchor not in page(built).anchors):
                 out.append(f"a link to {title} of the site")
     return out
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+@pytest.mark.parametrize("path", [*PAGES, REFERENCE], ids=lambda p: str(p.relative_to(ROOT)))
 def test_pages_lead_somewhere(path: Path) -> None:
-    """Links of a page, with their anchors, and pages it names."""
-    text = text_of(path)
-    _, lost = missing(text, path.parent)
-    lost += dead_links(path, text)
+    """Links of a page, with their anchors, and pages it names. Pages that the schemas make are one case."""
+    lost = []
+    for one in generated() if path == REFERENCE else [path]:
+        text = text_of(one)
+        lost += [f"{one.name}: {wrong}" for wrong in (*missing(text, one.parent)[1], *dead_links(one, text))]
     assert not lost, "\n".join(lost)
 
 
@@ -208,7 +214,8 @@ def lost_modules(text: str) -> list[str]:
 
 
 def test_modules_named_by_pages_are_there() -> None:
-    pages = [page for page in PAGES if page.name != "CHANGELOG.md"]  # of which the former names are history
+    # the former names of the changelog are history
+    pages = [page for page in (*PAGES, *generated()) if page.name != "CHANGELOG.md"]
     found = {str(page.relative_to(ROOT)): lost_modules(text_of(page)) for page in pages}
     assert {page: lost for page, lost in found.items() if lost} == {}
     assert lost_modules("`filter/nothing.py`, `compiler/jit.no_such`, `compiler/jit.kernel`") == [

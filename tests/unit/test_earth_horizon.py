@@ -120,7 +120,7 @@ def test_placements_see_as_landings_do(far: float) -> None:
         world, placed, _ = environment(placed, document)
         signals = build_signals(trajectory.motion(time), float(utc[0]), world)
         sites.append(ecef_from_llh(llh))
-        pdop = dops(signals.los, signals.clock)[:, 1]
+        pdop = dops(signals.los, signals.time_scale)[:, 1]
         means.append(np.nanmean(pdop))
         lost.append(np.isnan(pdop).sum())
     found, without = geometry.dops(np.array(sites))

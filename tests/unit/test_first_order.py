@@ -13,8 +13,8 @@ from navsim.simulation.along_truth import along_truth
 from navsim.simulation.first_order import FirstOrder
 from navsim.simulation.landing import draw, fly
 from navsim.simulation.landing_covariance import analyse
+from navsim.simulation.measurements import smoothed
 from navsim.simulation.sensitivity import deviations
-from navsim.simulation.shared_truth import smoothed
 from tests.helpers import case
 from tests.unit.test_sensitivity import CASES, ready
 

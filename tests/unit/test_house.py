@@ -150,7 +150,8 @@ def test_states_are_named_and_not_counted() -> None:
             for name in (
                 "strapdown", "covariance", "eskf", "left_invariant", "tfg", "error_parametrisation", "history",
                 "filter_loop", "gaussian_sum", "smoother", "evaluation", "measurement_models", "estimate",
-                "records", "design",
+                "records", "design", "gnss_measurements", "ground_station_measurements", "height_measurements",
+                "magnetometer_measurements", "vehicle_measurements",
             )
         ),
         *(PACKAGE / "simulation" / f"{name}.py" for name in (

@@ -33,7 +33,7 @@ def here(*settings: str) -> tuple[Geometry, np.ndarray, np.ndarray]:
     line /= np.linalg.norm(line, axis=2)[:, :, None]
     line[~signals.used] = np.nan
     every = np.ones(EPOCHS.size, dtype=bool)
-    return glide_geometry(trajectory, sources, np.array([utc]), EPOCHS, every), line, signals.clock
+    return glide_geometry(trajectory, sources, np.array([utc]), EPOCHS, every), line, signals.time_scale
 
 
 def dense(geometry: Geometry, line: np.ndarray, clock: np.ndarray, sites: np.ndarray, own: int) -> np.ndarray:

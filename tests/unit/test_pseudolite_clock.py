@@ -41,7 +41,7 @@ SKIES = [
 def test_the_default_is_a_scale_of_satellites_in_use(sky: str, clock: str) -> None:
     """The first in the order of the table, and the fixes gain by it."""
     with_one, without = (case(*BRIEF, sky, given) for given in (f"{ONE}}}", "pseudolites.count=0"))
-    assert CLOCKS[with_one.pseudolites.clock] == clock
+    assert CLOCKS[with_one.pseudolites.time_scale] == clock
     assert f"clock: {clock}\n" in resolved_yaml(with_one.scenario)
     assert (with_one.shared.dop[:, 1] < without.shared.dop[:, 1]).all() or np.isnan(without.shared.dop[:, 1]).all()
     assert not [text for text in with_one.warnings if "pseudolites.clock" in text]
@@ -52,7 +52,7 @@ def test_the_default_follows_the_file(tmp_path: Path) -> None:
     sky = f"sky={{source: almanac, almanac: {tmp_path / 'gps.alm'}}}"
     settings = (*BRIEF, sky, f"{ONE}}}", "epoch=2018-09-13T12:00:00Z")
     (tmp_path / "gps.alm").write_text(YUMA)
-    assert CLOCKS[case(*settings).pseudolites.clock] == "gps"
+    assert CLOCKS[case(*settings).pseudolites.time_scale] == "gps"
 
 
 YUMA = "\n".join(

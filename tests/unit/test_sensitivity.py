@@ -16,8 +16,8 @@ from navsim.simulation.along_truth import AlongTruth, along_truth
 from navsim.simulation.flight import Flight
 from navsim.simulation.landing import Inputs, draw, fly_inputs
 from navsim.simulation.landing_covariance import analyse
+from navsim.simulation.measurements import expected_measurements
 from navsim.simulation.sensitivity import Slopes, carried, deviations, sensitivity
-from navsim.simulation.shared_truth import expected_measurements
 from tests.helpers import case, in_brief
 
 AT = 30.0

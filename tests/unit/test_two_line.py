@@ -115,9 +115,9 @@ def test_each_system_keeps_its_clock_and_its_carrier(tmp_path: Path) -> None:
     s = mixed.shared.signals
     assert len(s.names) == 48
     assert s.names == plain.shared.signals.names
-    np.testing.assert_array_equal(s.delay, plain.shared.signals.delay)
+    np.testing.assert_array_equal(s.range_bias, plain.shared.signals.range_bias)
     np.testing.assert_array_equal(mixed.shared.dop, plain.shared.dop)
-    np.testing.assert_array_equal(s.clock, [0 if n[0] == "R" else 1 for n in s.names])
+    np.testing.assert_array_equal(s.time_scale, [0 if n[0] == "R" else 1 for n in s.names])
     assert {n[0] for n in s.names} == {"G", "R"}
     assert {"R702", "G13"} <= set(s.names)
     assert 1.0 < np.nanmedian(mixed.shared.dop[:, 1]) < 2.0
@@ -165,7 +165,7 @@ def test_named_systems_are_used_each_with_its_clock(tmp_path: Path) -> None:
     case = prepared(tmp_path, GALILEO + GPS + GLONASS, "sky.systems=[gps, galileo]")
     s = case.shared.signals
     assert {n[0] for n in s.names} == {"G", "E"}
-    assert {n[0]: systems.CLOCKS[c] for n, c in zip(s.names, s.clock, strict=True)} == {"G": "gps", "E": "galileo"}
+    assert {n[0]: systems.CLOCKS[c] for n, c in zip(s.names, s.time_scale, strict=True)} == {"G": "gps", "E": "galileo"}
     assert not [w for w in case.warnings if "not used" in w]
 
 
@@ -175,15 +175,15 @@ def test_elements_without_names_need_the_key(tmp_path: Path) -> None:
         prepared(tmp_path, bare)
     case = prepared(tmp_path, bare, "sky.almanac_system=glonass")
     assert case.shared.signals.names[:2] == ("T20001", "T20002")
-    assert not case.shared.signals.clock.any()
-    assert prepared(tmp_path, bare, "sky.almanac_system=gps", "sky.exclude=[T20003]").shared.signals.clock.all()
+    assert not case.shared.signals.time_scale.any()
+    assert prepared(tmp_path, bare, "sky.almanac_system=gps", "sky.exclude=[T20003]").shared.signals.time_scale.all()
     # names tell it where there are any
     both = prepared(tmp_path, bare + GPS[:6], "sky.almanac_system=glonass").shared.signals
-    assert {n: int(c) for n, c in zip(both.names, both.clock, strict=True) if n[0] == "G"} == {
+    assert {n: int(c) for n, c in zip(both.names, both.time_scale, strict=True) if n[0] == "G"} == {
         "G01": 1, "G02": 1
     }  # fmt: skip
     told = prepared(tmp_path, bare, "sky.almanac_system=galileo").shared.signals
-    assert {systems.CLOCKS[c] for c in told.clock} == {"galileo"}
+    assert {systems.CLOCKS[c] for c in told.time_scale} == {"galileo"}
     with pytest.raises(InputError, match="almanac_system"):
         prepared(tmp_path, bare, "sky.almanac_system=navic")
 

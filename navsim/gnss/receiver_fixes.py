@@ -28,14 +28,14 @@ class ReceiverFixes(NamedTuple):
     """(e, 6, 6, W) of position and velocity."""
 
 
-def solved(start: np.ndarray, signals: Signals, ranges: np.ndarray, rates: np.ndarray) -> ReceiverFixes:
+def solve_fixes(start: np.ndarray, signals: Signals, ranges: np.ndarray, rates: np.ndarray) -> ReceiverFixes:
     """Fixes from measurements (e, s, W); start: (3,) ECEF, where the iteration begins."""
     shapes: tuple[tuple[int, ...], ...] = ((3,), (3,), (MAX_CLOCKS,), (6, 6))
     out = ReceiverFixes(*(np.empty((ranges.shape[0], *shape, WIDTH)) for shape in shapes))
     # those of some sources have steps, and numba would compile the kernel once more for them
     of_sources = (signals.position, signals.velocity, signals.fix_sigma, signals.fix_rate_sigma)
     fixes(
-        start, *map(np.ascontiguousarray, of_sources), signals.clock,
+        start, *map(np.ascontiguousarray, of_sources), signals.time_scale,
         *(in_lanes(m) for m in (ranges, rates, *out)),
     )  # fmt: skip
     return out
@@ -51,7 +51,7 @@ def range_residuals(
     """
     left, off = np.empty_like(ranges), np.empty_like(llh)
     residuals(
-        np.ascontiguousarray(signals.position), signals.clock, in_lanes(antenna), axes,
+        np.ascontiguousarray(signals.position), signals.time_scale, in_lanes(antenna), axes,
         *(in_lanes(m) for m in (ranges, llh, clocks, left, off)),
     )  # fmt: skip
     return left, np.stack([np.sqrt(off[:, 0] ** 2 + off[:, 1] ** 2), np.abs(off[:, 2])], axis=1)

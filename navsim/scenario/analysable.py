@@ -1,0 +1,61 @@
+"""Landings that the linear covariance analysis, and method rare on top of it, can handle."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from navsim.scenario.filter import SMOOTHERS
+from navsim.scenario_files.base import reject
+
+if TYPE_CHECKING:
+    from navsim.scenario.landing import Landing
+
+
+def check_analysable(landing: Landing) -> None:
+    """Raise for scenarios that the covariance analysis cannot handle."""
+    if landing.receiver.fix_states is not None:
+        text = "a state of the fixes that changes at random is not Gaussian: use method monte-carlo"
+        raise reject(text, "receiver", "fix_states")
+    if landing.beacons is not None and landing.filter.beacons.second_order:
+        text = "the covariance analysis is linear: use method monte-carlo"
+        raise reject(text, "filter", "beacons", "second_order")
+    if landing.box is not None and landing.box.error != "navigation" and landing.method == "covariance":
+        text = "the covariance analysis is of the route; use method rare or monte-carlo, or `error: navigation`"
+        raise reject(text, "box", "error")
+    if landing.breaks_off:
+        text = "covariance analysis and method rare have no alarms; use method monte-carlo, or height_m"
+        raise reject(text, "approach", "go_around", "on_alarm")
+    if landing.integrity is not None and landing.integrity.error_model != "gaussian":
+        raise reject(
+            "covariance analysis and method rare assume Gaussian noise with the sigmas of the filter model; use "
+            "method monte-carlo, or `error_model: gaussian`",
+            "integrity",
+            "error_model",
+        )
+    if landing.filter.tight and landing.method == "rare":
+        raise reject(
+            "method rare pushes fixes, not yet the clock of a tightly coupled filter; use method monte-carlo or "
+            "covariance, or `coupling: loose`",
+            "filter",
+            "coupling",
+        )
+    if (further := landing.imu.monte_carlo_only(landing.method == "rare")) is not None:
+        text = (
+            "only Monte Carlo models it; the covariance analysis, on which method rare also rests, does not: "
+            "use method monte-carlo"
+        )
+        if landing.method == "rare" and further != landing.imu.monte_carlo_only(rare=False):
+            key = further[-1]
+            none = "null" if key.startswith("range_") else "0"
+            text = (
+                "the covariance analysis has it, the pushed runs of method rare do not yet; use method monte-carlo "
+                f"or covariance, or leave it out: `{key}: {none}`"
+            )
+        raise reject(text, "imu", *further)
+    if landing.filter.kind in SMOOTHERS:
+        raise reject(
+            f"the covariance analysis, on which method rare rests too, is that of a filter, {landing.filter.kind} is "
+            "a smoother; use method monte-carlo, or another filter.kind",
+            "filter",
+            "kind",
+        )
