@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
+from pydantic.json_schema import SkipJsonSchema
 
 from navsim.formats import conventions
 from navsim.formats.conventions import GnssConvention, ImuConvention
@@ -78,6 +79,25 @@ def _columns(names: tuple[str, ...]) -> Any:
     return Annotated[dict[str, str], AfterValidator(known)]
 
 
+_Refused = Annotated[SkipJsonSchema[NonNegative | None], Field(exclude=True)]
+
+
+class RecordedGyro(Gyro):
+    """Errors of recorded gyros; lists of keys, schemas and resolved logs leave out those that `Sensors` refuses."""
+
+    noise_deg_h: _Refused = None
+    scale_ppm: _Refused = None
+    misalignment_mrad: _Refused = None
+
+
+class RecordedAccelerometer(Accelerometer):
+    """The same of accelerometers."""
+
+    noise_mg: _Refused = None
+    scale_ppm: _Refused = None
+    misalignment_mrad: _Refused = None
+
+
 class Sensors(Section):
     """Inertial samples, and the class of their sensors."""
 
@@ -103,9 +123,9 @@ class Sensors(Section):
     instead of specific force"""
     sensor_class: Literal["consumer", "industrial", "tactical"] = "consumer"
     """grade of the sensors: turn-on and in-run biases, and where the tuning of the noise starts"""
-    gyro: Gyro = Gyro()
+    gyro: RecordedGyro = RecordedGyro()
     """errors of the gyros that differ from the class's"""
-    accelerometer: Accelerometer = Accelerometer()
+    accelerometer: RecordedAccelerometer = RecordedAccelerometer()
     """errors of the accelerometers that differ from the class's"""
     samples: Literal["instantaneous", "averaged", "increments"] = "instantaneous"
     """meaning of a sample: the value at its time, the mean since the sample before, or the change of angle and velocity
@@ -122,7 +142,7 @@ class Sensors(Section):
         for sensor in ("gyro", "accelerometer"):
             for key, what in (("scale_ppm", "scale factors"), ("misalignment_mrad", "misalignments")):
                 if getattr(getattr(self, sensor), key) is not None:
-                    raise reject(f"the filter of a recorded flight does not follow {what}", sensor, key)
+                    raise reject(f"the filter of a recorded flight does not estimate {what}", sensor, key)
         gyro, accelerometer = self.resolved()
         gyro.check(None, "gyro")
         accelerometer.check(None, "accelerometer")

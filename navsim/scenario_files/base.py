@@ -189,7 +189,8 @@ def _describe(schema: dict[str, Any], model: type[BaseModel]) -> None:
         if issubclass(part, Section) and part is not Section:
             for name, text in _docstrings(part).items():
                 key = model.model_fields[name].alias or name
-                schema["properties"][key].setdefault("description", text)
+                if key in schema["properties"]:  # `SkipJsonSchema` leaves a key out
+                    schema["properties"][key].setdefault("description", text)
 
 
 def _count_items(node: Any) -> None:
