@@ -215,7 +215,7 @@ def test_some_epochs_without_a_fix(place: Path) -> None:
     assert lost[-1]
     assert warnings_of(done) == [
         f"warning: {lost.sum()} of 650 epochs without a fix: too few usable sources, or all of them on one cone, "
-        f"the first at {r['/geometry/time'][lost][0]:g} s, the last at 65 s"
+        f"the first at {r['/geometry/time'][lost][0]:g} s, the last at 65 s [epochs_without_fix]"
     ]
     assert int(r["/summary/count/epochs_without_fix"]) == lost.sum()
     last_fix = int(np.flatnonzero(~lost)[-1]) + 1
