@@ -77,7 +77,8 @@ PRECISE_LIMITS = {"G H": "3.0 m", "G V": "4.8 m", "R H": "3.4 m", "R V": "5.6 m"
 in the ranges of one, up to 5 m."""
 
 
-@pytest.mark.validates("Error of single-point positions by precise orbits (SP3) over a day by GPS, GLONASS and both",
+@pytest.mark.validates("Error of single-point positions by precise orbits (SP3), whose clocks "
+                       "leave the group delays, over a day by GPS, GLONASS and both",
                        "station ESBC, coordinates to centimetres",
                        "(RMS errors; G: GPS, R: GLONASS; H: horizontal, V: vertical)", **PRECISE_LIMITS)  # fmt: skip
 @pytest.mark.parametrize("systems", ["G", "R", "GR"])
