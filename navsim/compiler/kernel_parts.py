@@ -21,7 +21,7 @@ from numba.core.dispatcher import Dispatcher
 Overloads = dict[Callable[..., Any], Callable[..., Any]]
 """Kernel version of a function: receives the types and returns the function to compile."""
 
-_LANGUAGE = ("jit.py", "kernel_pieces.py", "lanes.py")
+_LANGUAGE = ("jit.py", "kernel_pieces.py", "lanes.py", "lowering.py")
 """Files of this room that define compilation and lanes; their whole text is part of the digest."""
 _LANES = "navsim.compiler.lanes"
 _PLAIN = (int, float, complex, bool, str, bytes, type(None), np.generic)

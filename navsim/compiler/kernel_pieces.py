@@ -23,6 +23,8 @@ from numba.core.ir_utils import get_definition, guard
 from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import NativeLowering
 
+from navsim.compiler.lowering import DirectLower
+
 _depth = 0
 """Nesting depth of kernels in compilation; protected by the compiler's lock."""
 
@@ -146,6 +148,7 @@ class _PieceLowering(NativeLowering):
     """Lowering of pieces, which ends there."""
 
     _name = "navsim_piece_lowering"
+    lowering_class = DirectLower
 
     def run_pass(self, state: Any) -> bool:
         if _borrows_all(state):
@@ -166,6 +169,7 @@ class _KernelLowering(NativeLowering):
     """Lowering of a kernel that Python calls; it passes information to its pieces as numba does for its own code."""
 
     _name = "navsim_kernel_lowering"
+    lowering_class = DirectLower
 
     def run_pass(self, state: Any) -> bool:
         super().run_pass(state)

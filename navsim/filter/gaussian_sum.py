@@ -351,7 +351,8 @@ def _process(chart, imu, measurements, events, model, line, record, own, work):
             moments(now, buffers.nav, buffers.p, True, space, mixture_work)
             write_output(chart, buffers.nav, buffers.p, record, account, row)
         elif kind != PASS:
-            m, counter, chance = 0, slot(kind, row, measurements), 0.0 * weight[0]
+            # no literal, for which numba would compile all that takes the size once more
+            m, counter, chance = there.shape[0], slot(kind, row, measurements), 0.0 * weight[0]
             for a in range(MAX_MEASUREMENT_SIZE):
                 there[a] = 0.0
             if kind == RANGE and is_epoch_boundary(events, i, 1):

@@ -45,6 +45,15 @@ def slot(kind, row, measurements):
 
 
 @kernel_inline
+def clear(have, h):
+    """No component is valid: zeros in have (MOST,) and h (MOST, n)."""
+    for a in range(MAX_MEASUREMENT_SIZE):
+        have[a] = 0.0
+        for c in range(h.shape[1]):
+            h[a, c] = 0.0
+
+
+@kernel_inline
 def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, z, h, r):
     """Innovation, matrix and noise of a measurement; returns the number of its components. Raises ValueError for an
     unknown kind.
@@ -57,10 +66,7 @@ def observe(kind, row, measurements, nav, increments, dt, declared, c_nb, have, 
       innovation 0
       and row 0, so it has no effect.
     """
-    for a in range(MAX_MEASUREMENT_SIZE):
-        have[a] = 0.0
-        for c in range(h.shape[1]):
-            h[a, c] = 0.0
+    clear(have, h)
     if kind in (FIX, MONITOR_ONLY_FIX):
         return observe_fix(measurements.fixes, row, nav, increments, dt, declared, c_nb, have, z, h, r)
     if kind == RANGE:

@@ -17,16 +17,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from navsim.compiler.jit import kernel, kernel_internal
+from navsim.compiler.jit import kernel, kernel_inline, kernel_internal
 from navsim.compiler.lanes import alloc, any_lane, no, where
 from navsim.compiler.linear import copy, copy_matrix
 from navsim.filter.covariance import gain, joseph
 from navsim.filter.error_parametrisation import correct, error_in_filter_coordinates, feed_back
 from navsim.filter.error_products import move_products, start_products
 from navsim.filter.eskf import between
-from navsim.filter.gnss_measurements import needs_relinearisation
+from navsim.filter.gnss_measurements import needs_relinearisation, observe_range
 from navsim.filter.measurement_kinds import RANGE
-from navsim.filter.measurement_models import observe
+from navsim.filter.measurement_models import clear
 from navsim.filter.update import copy_where_not, estimate_errors
 
 _MORE = 2
@@ -117,6 +117,14 @@ def begin_estimate(epoch, j, p):
     epoch.bent[j] = 0.0
 
 
+@kernel_inline
+def _observe(ranges, row, nav, increments, dt, declared, c_nb, have, z, h, r):
+    """`measurement_models.observe` of a range, without the code of other kinds."""
+    clear(have, h)
+    # not the literal 2, for which numba would compile all that takes the size once more
+    return np.int64(observe_range(ranges, row, nav, increments, dt, declared, c_nb, have, z, h, r))
+
+
 @kernel
 def predict_range(chart, row, measurements, declared, nav, increments, interval, epoch, j, space, buffers):
     """`observe` a range for estimate j, given the ranges before it; nav (NAV,) is the state before the epoch.
@@ -124,9 +132,7 @@ def predict_range(chart, row, measurements, declared, nav, increments, interval,
     Returns the number of components.
     """
     ranges, z, h, x = measurements.ranges, buffers.z, buffers.h, epoch.x[j]
-    m = observe(
-        RANGE, row, measurements, nav, increments, interval, declared, space.c_nb, buffers.have, z, h, buffers.r
-    )
+    m = _observe(ranges, row, nav, increments, interval, declared, space.c_nb, buffers.have, z, h, buffers.r)
     bent = needs_relinearisation(ranges, row, h, epoch.prior[j])
     epoch.now[j] = where(bent, 1.0, 0.0)
     for a in range(m):
@@ -138,20 +144,7 @@ def predict_range(chart, row, measurements, declared, nav, increments, interval,
             copy(h[a], epoch.h[a])
         copy(nav, epoch.nav)
         feed_back(chart, epoch.nav, x, space)
-        observe(
-            RANGE,
-            row,
-            measurements,
-            epoch.nav,
-            increments,
-            interval,
-            declared,
-            space.c_nb,
-            buffers.have,
-            z,
-            h,
-            buffers.r,
-        )
+        _observe(ranges, row, epoch.nav, increments, interval, declared, space.c_nb, buffers.have, z, h, buffers.r)
         for a in range(m):
             z[a] = where(bent, z[a], epoch.z[a])
             copy_where_not(epoch.h[a], bent, h[a])
@@ -189,8 +182,8 @@ def count_range(ranges, row, place, weighed, used, epoch):
 def _update_with_all(rows, measurements, declared, nav, p, x, increments, interval, epoch, space, buffers, moves):
     """Update P (n, n) with all used ranges at nav (NAV,); where it `moves`, also the correction x (n,)."""
     for e in range(rows.shape[0]):
-        m = observe(
-            RANGE, rows[e], measurements, nav, increments, interval, declared, space.c_nb, buffers.have, buffers.z,
+        m = _observe(
+            measurements.ranges, rows[e], nav, increments, interval, declared, space.c_nb, buffers.have, buffers.z,
             buffers.h, buffers.r,
         )  # fmt: skip
         good = gain(p, buffers.h, buffers.r, m, buffers.pht, buffers.s, buffers.k) & (epoch.used[e] > 0.0)
