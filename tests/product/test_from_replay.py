@@ -56,7 +56,9 @@ def test_without_a_standstill_the_sheet_has_the_noise(place: Path) -> None:
     """The shipped recording begins in the air, with the sensors of its class."""
     flown = read(place / "replay.h5")
     assert float(flown["/tuning/gyro_white_noise"]) == pytest.approx(DEG_SQRT_H)
-    assert flown.variables["/tuning/accelerometer_white_noise"].attributes["origin"] == "imu.sensor_class: consumer"
+    assert flown.variables["/tuning/accelerometer_white_noise"].attributes["origin"] == (
+        "no rest shows it; imu.sensor_class: consumer"
+    )
 
 
 def stored(text: str, folder: Path) -> dict[str, Any]:
