@@ -220,6 +220,8 @@ DECIDING = (
     "compiler",
     "geodesy",
     "statistics",
+    "environment",
+    "error_propagation",
     "trajectory",
     "gnss",
     "sensors",

@@ -617,7 +617,7 @@ def worse_than_base(problem: PlacementProblem, outcome: SearchOutcome) -> list[s
             out.append(Note(
                 f"{_named(problem, outcome, one)}: your own layout in {problem.study.base} is better, by covariance "
                 f"analysis: here sigma is {', '.join(worse)}. A DOP ignores the inertial sensor and "
-                "lasting errors: minimise the error that you need, such as vertical_touchdown", "worse_than_base",
+                "lasting errors: minimise the error that you need, such as vertical", "worse_than_base",
             ))  # fmt: skip
     return out
 
