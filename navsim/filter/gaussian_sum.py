@@ -103,24 +103,14 @@ from navsim.filter.update import (
 
 _TURN_HORIZON = 2.0
 """Time for which a turn is expected to continue, s."""
-
-
 _FREEZE_RATE = 0.002
 """Least rate about the level axes of the body that is a turn, rad/s."""
-
-
 _FREEZE_HEADING = 0.003
 """1 sigma of heading below which bias axes are not held, rad."""
-
-
 _PLAIN_HEADING = 0.02
 """1 sigma of heading below which bias errors may become plain instead of held, rad."""
-
-
 _PLAIN_BANK = 0.15
 """Bank or pitch, from the held axes, beyond which they become plain, rad."""
-
-
 _FREEZE_LEVEL_BIAS = 0.1
 """Largest sigma of level gyro biases for which axes are held, relative to the vertical one."""
 

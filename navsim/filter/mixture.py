@@ -15,81 +15,42 @@ from navsim.filter.covariance import transport
 from navsim.filter.eskf import between
 from navsim.filter.left_invariant import turned
 from navsim.filter.records import Mixture
-from navsim.filter.states import (
-    ATT,
-    NAV_BIAS_FRAME,
-    NAV_GYRO,
-    NAV_QUAT,
-    PHI_D,
-    PHI_E,
-    PHI_N,
-    POS,
-)
-from navsim.filter.update import (
-    copy_where_not,
-)
+from navsim.filter.states import ATT, NAV_BIAS_FRAME, NAV_GYRO, NAV_QUAT, PHI_D, PHI_E, PHI_N, POS
+from navsim.filter.update import copy_where_not
 from navsim.geodesy.attitude_kernels import dcm, left_jacobian
 
 _SPLIT_SIGMA = 0.65
 """1 sigma of heading of each of the three that a component is divided into, in its own."""
-
-
 _SPLIT_OFFSET = math.sqrt(3.0 * (1.0 - _SPLIT_SIGMA * _SPLIT_SIGMA))
 """Distance of the outer two components in 1 sigma. With the weights 1/6, 4/6, 1/6 all moments up to the fifth equal
 those of the original."""
-
-
 MIN_TURN = 0.02
 """A turn that must always be expected, rad."""
-
-
 _MAX_QUADRATIC_ERROR = 0.5
 """Largest quadratic error of a level bias that a turn may cause, relative to its sigma."""
-
-
 _MAX_LEVEL_BIAS = 0.01
 """Largest sigma of level biases that the limit assumes, relative to the vertical one. At first they are unknown, but a
 quadratic error caused then shows later."""
-
-
 _MAX_HEADING_TILT = 0.0015
 """Largest product of the sigmas of heading and of tilt of a component, rad2. While the filter learns tilt, heading
 rotates the information of each fix about it."""
-
-
 _MIN_SPLIT_SIGMA = 0.5
 """1 sigma of heading that no turn asks to divide, in that of the widest component."""
-
-
 _MERGE_FRACTION = 0.4
 """1 sigma of heading of two as one, in that of the widest, below which they become one."""
-
-
 _CROWDED_MERGE_FRACTION = 0.7
 """Merge two components if their joint heading sigma is below this fraction of the allowed one. It is above that of
 three parts of a split component, whose distances keep them apart."""
-
-
 MIN_WEIGHT = 1e-5
 """Components of less weight go."""
-
-
 _MIN_SPLIT_WEIGHT = 0.005
 """Components with less weight are not split in straight flight. In a turn the limit falls as the turn grows."""
-
-
 _FAST_TURN = 0.1
 """A turn that may take all the room there is, rad."""
-
-
 _SLOW_TURN_SHARE = 0.625
 """Fraction of the components that a slower turn may use."""
-
-
 _SLOW_TURN_COMPONENTS = 3
 """Components that a slow turn may always use."""
-
-
 _MERGE_COST = 0.3
 """Without free room, merge two components to split another if the merge costs less than this fraction of the gain. The
 cost is the weight of the two, as far as they differ; the gain is the weight of the other."""
