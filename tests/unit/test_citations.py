@@ -235,6 +235,27 @@ def test_equations_are_numbered_in_order_and_referred_to(path: Path) -> None:
     assert wanted <= set(page(path).equations), wanted - set(page(path).equations)
 
 
+def forges_refuse(text: str) -> list[str]:
+    """Formulas that GitHub shows otherwise than the site does: it refuses some macros, and its Markdown takes the
+    backslash before punctuation away within a line (https://github.com/github/markup/issues/1688)."""
+    blocks = re.split(r"(^```.*?^```$)", text, flags=re.S | re.M)
+    within = re.findall(r"(?<!`)\$(?!\s)[^$\n`]+\$", re.sub(r"`[^`\n]*`", "", "".join(blocks[::2])))
+    return [
+        *re.findall(r"\\(?:operatorname|def|newcommand)\b", text),
+        *(one for one in within if re.search(r"\\[!-/:-@\[-`{-~]", one)),
+    ]
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+def test_forges_show_the_formulas_of_pages(path: Path) -> None:
+    assert not forges_refuse(path.read_text())
+
+
+def test_formulas_that_forges_refuse_are_found() -> None:
+    assert forges_refuse(r"so $a\, b$ and $\operatorname{tr} P$") == [r"\operatorname", r"$a\, b$"]
+    assert not forges_refuse("`\\,` is $a\\thinspace b$\n```math\na\\, b\n```\n")
+
+
 def test_every_page_of_theory_is_cited_by_code() -> None:
     """None of them is there for its own sake."""
     text = "\n".join(remark for path in SOURCES if path.is_relative_to(ROOT / "navsim") for remark in remarks(path))
