@@ -275,7 +275,7 @@ def summary_table(results: list[tuple[str, Result]], every_source: bool = False)
 
     def epochs(result: Result) -> str:
         lost = "/summary/count/epochs_without_fix"
-        return "mean (min - max)" + (", epochs with a fix only" if lost in result and result[lost] > 0 else "")
+        return "mean (min - max)" + ("; PDOP to TDOP: fixes only" if lost in result and result[lost] > 0 else "")
 
     section("Geometry on the glide", epochs)
     for name in ("pdop", "hdop", "vdop", "gdop", "tdop"):
