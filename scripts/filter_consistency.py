@@ -538,7 +538,7 @@ def page() -> list[str]:
         "",
         f"Each case has {own} runs of `{DEFAULT}` and {others} of each other kind{state}.",
         "",
-        "    python scripts/filter_consistency.py --runs 20 --cases landing --kinds eskf tfg   # two rows in a minute",
+        "Two rows in a minute: `python scripts/filter_consistency.py --runs 20 --cases landing --kinds eskf tfg`",
         "",
         "## Results",
         "",

@@ -129,7 +129,10 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
         "Greenwich mean sidereal time",
         "Satellite position by two-line elements", "DOPs of Table 2's calibrations a and b' under real skies",
     ),
-    "precise orbits": ("Error of single-point positions by precise orbits (SP3) over a day by GPS, GLONASS and both",),
+    "precise orbits": (
+        "Error of single-point positions by precise orbits (SP3), whose clocks leave the group delays, over a day by "
+        "GPS, GLONASS and both",
+    ),
     "ionosphere and troposphere": (
         "Ionospheric delay by Klobuchar's model", "Tropospheric delay by Saastamoinen's model",
         "Niell's mapping functions",

@@ -19,6 +19,7 @@ from navsim.replays import study as replay
 from navsim.replays.alignment import Alignment, Search
 from navsim.replays.findings import find_off_course
 from navsim.results import findings
+from navsim.results.notes import CONSISTENT
 from navsim.scenario.load import read_replay
 from navsim.trajectory.recorded import RecordedTrajectory
 from tests.conftest import SCENARIOS
@@ -220,7 +221,7 @@ def test_a_heading_off_the_course_is_found(tmp_path: Path) -> None:
     seen = simulated.fly(flight, beliefs, recording.fix_sigma(recording.settings), np.empty(0))
     turned = replace(flight, course=flight.course + np.radians(160.0))
     (told,) = find_off_course(turned, seen)
-    assert told.against == (findings.CONSISTENT,)
+    assert told.against == (CONSISTENT,)
     assert re.match(r"heading 1[56]\d degrees off the course from 1\.1 to 99\.1 s \(median of 197 fixes", told.text)
     briefly = np.where((flight.arrival > 40.0) & (flight.arrival < 49.0), np.pi, 0.0)
     short = replace(flight, course=flight.course + briefly)

@@ -214,7 +214,6 @@ def test_covariance_analysis_is_of_the_route() -> None:
 @pytest.mark.parametrize(
     ("settings", "key"),
     [
-        (("method=rare", "box={lateral_m: 3}", FTE), "approach.flight_technical_error"),
         (("box={lateral_m: 3, error: total}",), "box.error"),
         (("box={lateral_m: 3, error: total}", "method=covariance", FTE), "box.error"),
         (("approach.flight_technical_error={}",), "approach.flight_technical_error"),

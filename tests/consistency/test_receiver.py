@@ -197,7 +197,7 @@ def test_a_drawn_offset_between_systems_does_what_a_constant_one_does(coupling: 
 def test_offsets_between_systems_are_drawn_for_each_run() -> None:
     """The same for all satellites of a system at all times, none of the first system, of the size asked for."""
     flown, plain = (case(*SHARED_CLOCK, *BRIEFLY, *more) for more in (("signals.system_offset_sigma_ns=10",), ()))
-    of_galileo = np.array([CLOCKS[c] == "galileo" for c in plain.environment.satellites[1].clock])
+    of_galileo = np.array([CLOCKS[c] == "galileo" for c in plain.environment.satellites[1].time_scale])
     assert of_galileo.all()
     names = flown.shared.signals.names
     second = np.isin(names, plain.environment.satellites[1].names)

@@ -207,7 +207,7 @@ def test_auto_writes_the_number(monkeypatch: pytest.MonkeyPatch) -> None:
                 "integrity={method: filter, p_constellation: 1.0e-8}",
                 "method=covariance",
             ),
-            "use 0, or filter.barometric_altimeter.errors: states",
+            "use filter.barometric_altimeter.errors: states, or mhss",
         ),
         (("runway.geoid_undulation_m=much",), "geoid_undulation_m"),
     ],

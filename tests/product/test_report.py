@@ -31,7 +31,7 @@ from navsim.companions.elevation import study as elevation_study
 from navsim.landing import study as landing
 from navsim.optimization import report as optimize_report
 from navsim.page import touchdown
-from navsim.report import figure_data, figures, limits, printing, summary_tables
+from navsim.report import budget_rows, figure_data, figures, limits, printing, summary_tables
 from navsim.report.landing import VIEW
 from navsim.report.ridges import ShownRidge, shown_ridges
 from navsim.report.table import Table, console
@@ -293,7 +293,7 @@ def test_sources_of_a_budget_can_be_told_apart(linear: Result) -> None:
     legend = figures.budget(Result(linear.attributes, linear.variables | {"/budget/rms": alike})).legends[-1]
     texts, patches = legend.get_texts(), legend.get_patches()
     styles = {t.get_text(): (p.get_facecolor(), p.get_hatch()) for t, p in zip(texts, patches, strict=True)}
-    assert list(styles) == [name.replace("_", " ") for name in names]
+    assert list(styles) == [budget_rows.source_title(name) for name in names]
     assert len(set(styles.values())) == len(names) == 15
 
 
