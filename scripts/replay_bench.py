@@ -168,7 +168,7 @@ def table() -> list[str]:
     cells = [*(f"{x:.2f}" for x in np.median(nees, axis=0)), f"{rejected.sum()} of {used.sum()}"]
     cells += [f"{100.0 * one:.0f} % within {WITHIN:g}, {100.0 * both:.0f} % or told" for one, both in
               zip(near.mean(axis=(0, 1)), (near | told).mean(axis=(0, 1)), strict=True)]
-    return [*lines, measured.row("median, or all", *cells, "")]
+    return [*lines, measured.row("median, total, shares", *cells, "")]
 
 
 def section() -> list[str]:
