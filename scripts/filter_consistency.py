@@ -522,21 +522,19 @@ def page() -> list[str]:
             if (found := finished(study.label, kind)) is not None:
                 rows.append(Row(study, kind, found))
     figure([row for row in rows if row.study.label == "landing"], ROOT / "docs" / IMAGE)
-    planned = RUNS * len(SEEDS)
     own, others = (
         " to ".join(
             dict.fromkeys(str(f(row.found.runs for row in rows if (row.kind == DEFAULT) == mine)) for f in (min, max))
         )
         for mine in (True, False)
     )
-    state = "" if all(row.found.runs == planned for row in rows) else f"; {planned} are planned"
     lines = [
         "# Consistency of the filter kinds, measured",
         "",
         "This page compares the errors of navsim's default filter, and of published filters, with the filter's σ,",
         "state by state ([may I trust σ?](sigma.md)).",
         "",
-        f"Each case has {own} runs of `{DEFAULT}` and {others} of each other kind{state}.",
+        f"Each case has {own} runs of `{DEFAULT}` and {others} of each other kind.",
         "",
         "Two rows in a minute: `python scripts/filter_consistency.py --runs 20 --cases landing --kinds eskf tfg`",
         "",
@@ -547,9 +545,8 @@ def page() -> list[str]:
         "",
         "## Method",
         "",
-        "Each run draws initial errors, sensor errors and ranging errors. All kinds fly the same runs, the default",
-        "further ones. No setting was chosen by these seeds. The published kinds run without navsim's",
-        "`filter.steady_force`.",
+        "All kinds fly the same runs, the default further ones, so columns without fixes differ. No setting was",
+        "chosen by these seeds.",
         "",
         "| column | meaning |",
         "|---|---|",
