@@ -200,7 +200,7 @@ def print_parts(parts: Sequence[Table | str], how: Shown) -> None:
         if not parts:
             near = nearest_rows(how.rows, {str(row.cells[0]).strip() for table in tables for row in table.rows})
             ask = f"nearest: {'; '.join(near)}" if near else "without --rows all are printed"
-            leave(BAD_INPUT, f"--rows {how.rows}: no row has it, nor a heading of rows; {ask}")
+            leave(BAD_INPUT, f"--rows {how.rows}: no row or heading matches; {ask}")
     if how.format == "terminal":
         _print_fitted(parts, how.compare)
     else:

@@ -151,13 +151,24 @@ class SignalScenario:
         return self.sight_placed and self.effects.smoothing > 0.0
 
     @property
+    def strength_keys(self) -> list[str]:
+        """Keys of the scenario by which it matters how strong pseudolites are, and so how far and in which
+        direction."""
+        masked = self.antenna is not None and self.antenna.mask > -0.5 * np.pi
+        differing = {
+            "pseudolites.cn0_reference_m": self.effects.cn0_reference is not None,
+            "pseudolites.eirp_dbm": self.pseudolites.radiated is not None,
+            "pseudolites.multipath": self.effects.reflection is not None,
+        }
+        using = {"interference": self.jamming is not None, "range_law: cn0": self.effects.thermal_pseudolites}
+        matter = any(differing.values()) and any(using.values())
+        given = {"receiver.antenna.mask_deg": masked} | (differing | using if matter else {})
+        return [key for key, value in given.items() if value]
+
+    @property
     def strength_placed(self) -> bool:
-        """Whether it matters how strong pseudolites are, and so how far and in which direction."""
-        if self.antenna is not None and self.antenna.mask > -0.5 * np.pi:
-            return True
-        differs = self.effects.cn0_reference is not None or self.pseudolites.radiated is not None
-        differs |= self.effects.reflection is not None
-        return differs and (self.jamming is not None or self.effects.thermal_pseudolites)
+        """Whether it matters how strong pseudolites are."""
+        return bool(self.strength_keys)
 
     @property
     def by_directions(self) -> SignalScenario:

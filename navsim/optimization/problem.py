@@ -334,9 +334,8 @@ def _with_power(
         raise _refused(document, ("costs", "power"), text)
     if sources.strength_placed and study.objective in DOP_OBJECTIVES:
         text = (
-            f"{study.objective} is evaluated from directions alone. With `interference`, or noise by range_law cn0, "
-            "and pseudolites.cn0_reference_m or eirp_dbm, distances of pseudolites matter too. With "
-            "receiver.antenna.mask_deg the attitude of the aircraft matters. Use a level, or an error of the filter"
+            f"{study.objective} is evaluated from directions alone, but the strength of pseudolites matters by "
+            f"{', '.join(sources.strength_keys)}. Leave these keys out, or use a level or an error of the filter"
         )
         raise _refused(document, ("objective",), text)
     if sources.smoothing_placed and study.objective.startswith("fix_"):

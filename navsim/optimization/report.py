@@ -11,12 +11,13 @@ import numpy as np
 from navsim.report.flown_requirements import flown_requirements, plain_requirements
 from navsim.report.requirement_rows import SHARE
 from navsim.report.result_cells import setting
+from navsim.report.summary_tables import WHITE_ALONE, errors_of
 from navsim.report.table import ABSENT, Cell, Table, cell, interval, number
 from navsim.report.view import View, one_by_one
 from navsim.results.findings import several
 from navsim.results.result import Result, scenario_of
 from navsim.results.schema import FILTER_QUANTITIES, LARGE
-from navsim.statistics.rounding import digits, share_digits
+from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -89,7 +90,7 @@ def tables(result: Result) -> list[Table | str]:
         front.notes = _fewest(placed(result), int(result["/pareto/fewest"]))
         if costs and np.isfinite(result["/pareto/cheapest"]):
             front.notes += f"; the least cost: {result['/pareto/cheapest']:.6g}"
-    front.notes = "\n".join(filter(None, (front.notes, _unjammed(result))))
+    front.notes = "\n".join(filter(None, (front.notes, *_ideal(result))))
     losses = [f"{100 * loss:.0f} % within, m" for loss in result["/loss"]]
     axes = ("s", "l1", "up") if "/optimum/up" in result else ("s", "l1")
     places = Table(
@@ -121,8 +122,7 @@ def flown(result: Result) -> list[Table | str]:
     """Runs of the best placements compared with the covariance analysis, and placements that runs contradicted."""
     counts, runs = result["/pseudolites"], result["/flown/runs"]
     if not runs.any():
-        why = str(result.attributes["stopped"]) or "--runs 0"
-        return [f"The best placements were not flown ({why}); --runs 200 compares them with the errors of a filter."]
+        return ["No runs have checked the best placements; --runs 200 compares them with the errors of a filter."]
     name = str(result.attributes["objective"])
     of_filter = name in FILTER_QUANTITIES
     heads = (placed(result), *(("covariance analysis", "runs [95 %]") if of_filter else ()), "horizontal, m",
@@ -167,12 +167,16 @@ def _room(result: Result, i: int, left: float) -> Cell | str:
     return cell(f"{rule}: {{:.2f}} {unit} left".removeprefix(": "), left)
 
 
-def _unjammed(result: Result) -> str:
-    """Note on pseudolites that jam nothing, since the scenario does not say so; empty where they do."""
-    interference = scenario_of(result).get("interference")
-    if placed(result) == "beacons" or (interference is not None and interference["pseudolites"] is not None):
-        return ""
-    return "without interference.pseudolites, no pseudolite jams the receiver: near-far effects are not simulated"
+def _ideal(result: Result) -> list[str]:
+    """Notes on pseudolites that have no errors that last, or jam nothing, since the scenario does not say so."""
+    if placed(result) == "beacons":
+        return []
+    interference, errors = scenario_of(result).get("interference"), errors_of(setting(result, "pseudolites"))
+    notes = [f"errors of pseudolites: {errors}"] if errors == WHITE_ALONE else []
+    if interference is None or interference["pseudolites"] is None:
+        text = "without interference.pseudolites, no pseudolite jams the receiver: near-far effects are not simulated"
+        notes.append(text)
+    return notes
 
 
 def _met(flag: np.ndarray) -> str:
@@ -210,8 +214,8 @@ def _fulfilled(statement: str, verdict: str, value: float, utilisation: float) -
     """A verdict with the value, in per cent if it is a share, and the margin."""
     if np.isnan(value):
         return cell("{}", verdict)
-    share = SHARE.search(statement) is not None
-    value, shown = (100.0 * value, f"{{}}: {{:.{share_digits(100.0 * value)}g}} %") if share else (value, "{}: {:.4g}")
+    share = SHARE.search(statement)
+    value, shown = (100.0 * value, f"{{}}: {{:share {share[1]}}} %") if share else (value, "{}: {:.4g}")
     if not np.isfinite(utilisation):
         return cell(shown, verdict, value, names=("verdict", "found"))
     margin = 100.0 * (1.0 - utilisation)

@@ -362,8 +362,9 @@ def _fly_best(
     name = f"flown-{one.count}{one.suffix}-{runs}-{key}"
     found = outcome.confirmed[one] = Confirmation.of(journal.step(name, work))
     if found.rejected and not np.array_equal(found.best.choice, best.places):
-        load = float(problem.judged(found.best.choice[None]).load[0])
-        outcome.found[one] = replace(best, places=found.best.choice, value=found.best.analysed, load=load)
+        judged = problem.judged(found.best.choice[None])  # runs are compared with errors of the filter alone
+        value, load = float(judged.objective[0]), float(judged.load[0])
+        outcome.found[one] = replace(best, places=found.best.choice, value=value, load=load)
 
 
 def _analysed(problem: PlacementProblem, places: np.ndarray) -> tuple[np.ndarray, float] | None:

@@ -12,20 +12,19 @@ from navsim.report.consistency_rows import VERDICT, state_verdict
 from navsim.report.result_cells import setting, single
 from navsim.report.table import ABSENT, Cell, Table, cell
 from navsim.results.result import Result
-from navsim.statistics.rounding import share_digits
 
 _MONITORED = {
     "level", "emt", "accuracy", "availability", "approaches", "continuity", "misleading", "time_to_alert",
 }  # fmt: skip
 """Requirements on what the integrity monitor says."""
-SHARE = re.compile(r"% of (runs|epochs|approaches)")
-"""The noun of a requirement on a share."""
+SHARE = re.compile(r"(\S+) % of (runs|epochs|approaches)")
+"""The size, %, and the noun of a requirement on a share."""
 
 
 def _monitored(result: Result) -> str:
     """What the monitor of a result watches: the fixes, or the filter."""
     section = setting(result).get("integrity")
-    return ABSENT if section is None else "the filter" if section["method"] == "filter" else "the fixes alone"
+    return ABSENT if section is None else "of the filter" if section["method"] == "filter" else "of the fixes alone"
 
 
 def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
@@ -36,7 +35,7 @@ def requirements(table: Table, results: Sequence[tuple[str, Result]]) -> None:
         return
     table.head("Requirements", *(_found(result) for _, result in results))
     if _MONITORED & {str(what) for result in asked if f"{branch}/what" in result for what in result[f"{branch}/what"]}:
-        table.add("  levels, accuracy, alarms and risks are those of", *(_monitored(result) for _, result in results))
+        table.add("  levels, accuracy, alarms, risks", *(_monitored(result) for _, result in results))
     for statement in dict.fromkeys(str(text) for result in asked for text in result[f"{branch}/statement"]):
         table.add(f"  {statement}", *(_verdict(result, statement) for _, result in results))
         plain = [_verdict(result, statement, "plain_") for _, result in results]
@@ -92,12 +91,10 @@ def verdict_cell(
         return cell(f"{{}}: {why}", word)
     number = f"{more:.2g}".replace("e+0", "e") if more >= 1e5 else f"{more:.0f}"
     enough = f"; {number} more run{'' if number == '1' else 's'}" if np.isfinite(more) else ""
-    what = "landings" if share and share[1] == "runs" and method == "covariance" else share and share[1]
-    shown = f"{{}}: {{:.{share_digits(value)}g}} % of {what}" if share else "{}: {:.4g}"
+    digits = f"share {share[1]}" if share else ".4g"
+    what = "landings" if share and share[2] == "runs" and method == "covariance" else share and share[2]
+    shown = f"{{}}: {{:{digits}}}" + (f" % of {what}" if share else "")
     if low == high or np.isnan(low) or one_run:
         return cell(shown + enough, word, value, names=("verdict", "found"))
-    ends = "  [{:.4g}, {:.4g}]"
-    if share:
-        ends = f"  [{{:.{share_digits(low)}g}}, {{:.{share_digits(high)}g}}]"
-    return cell(shown + ends + enough, word, value, low, high,
+    return cell(f"{shown}  [{{:{digits}}}, {{:{digits}}}]{enough}", word, value, low, high,
                 names=("verdict", "found", "found, low", "found, high"))  # fmt: skip

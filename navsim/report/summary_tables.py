@@ -44,6 +44,8 @@ def _fixes(result: Result) -> Cell:
     return Cell("{}", (fixes,), trials=runs, names=("count",))
 
 
+WHITE_ALONE = "white noise alone, so their gain is optimistic"
+"""What tables say of pseudolites without errors that last."""
 _DELAYING = ("ephemeris", "ionosphere", "troposphere")
 _OF_PSEUDOLITES = {
     "survey_error_m": "survey", "survey_sigma_m": "survey", "clock_sigma_ns": "clock", "clock_noise": "clock",
@@ -76,15 +78,15 @@ def ranging_errors(result: Result) -> str:
 
 
 def _errors_of_pseudolites(result: Result) -> str:
-    """Which errors pseudolites have besides white noise."""
     pseudolites = setting(result, "pseudolites")
-    if not pseudolites["count"] and not pseudolites["sites"]:
-        return ABSENT
+    return errors_of(pseudolites) if pseudolites["count"] or pseudolites["sites"] else ABSENT
+
+
+def errors_of(pseudolites: dict[str, Any]) -> str:
+    """Which errors pseudolites of this section of a scenario have besides white noise."""
     given = {key: pseudolites.get(key) for key in _OF_PSEUDOLITES}
     names = [_OF_PSEUDOLITES[key] for key, value in given.items() if (any(value) if isinstance(value, list) else value)]
-    if not names:
-        return "white noise alone, so their gain is optimistic"
-    return f"white noise, {', '.join(dict.fromkeys(names))}"
+    return f"white noise, {', '.join(dict.fromkeys(names))}" if names else WHITE_ALONE
 
 
 def _sensors(result: Result) -> list[str]:

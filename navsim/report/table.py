@@ -17,7 +17,7 @@ from html import escape
 from string import Formatter
 from typing import TYPE_CHECKING
 
-from navsim.statistics.rounding import write_out
+from navsim.statistics.rounding import share_text, write_out
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
@@ -27,11 +27,13 @@ ABSENT = "-"
 
 
 class _NumberOrAbsent(float):
-    """A number formatted as `ABSENT` if it is not finite."""
+    """A number formatted as `ABSENT` if it is not finite; "share 95": a share, %, where 95 % are required."""
 
     def __format__(self, how: str) -> str:
         if not math.isfinite(self):
             return ABSENT
+        if how.startswith("share "):
+            return share_text(self, float(how.removeprefix("share ")))
         text = write_out(float.__format__(self, how))
         return text if text.strip("+-.0") else float.__format__(0.0, how)  # no negative zero
 

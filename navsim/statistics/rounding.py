@@ -13,12 +13,18 @@ def digits(value: float, count: int = 3) -> str:
     return write_out(f"{value:.{count}g}")
 
 
-def share_digits(percent: float) -> int:
-    """Significant digits of a share, %, of which three remain of it or of its complement: 30.6, 99.9983."""
-    smaller = min(percent, 100.0 - percent)
+def share_text(percent: float, required: float) -> str:
+    """A share, %, as text: three significant digits, or two of its complement: 30.6, 99.83.
+
+    A tenth of what `required`, %, leaves free, at most 0.01 %, is the smallest share or complement that is shown, since
+    no model is true so far out: > 99.99.
+    """
+    smaller, least = min(percent, 100.0 - percent), min(required, 100.0 - required, 0.1) / 10.0
     if smaller <= 0.0:
-        return 3
-    return max(3, 3 + math.floor(math.log10(percent)) - math.floor(math.log10(smaller)))
+        return f"{percent:g}"
+    if smaller < least:
+        return f"< {least:.3g}" if percent < 50.0 else f"> {100.0 - float(f'{least:.3g}'):.10g}"
+    return f"{percent:.{max(3, 2 + math.floor(math.log10(percent)) - math.floor(math.log10(smaller)))}g}"
 
 
 def write_out(text: str) -> str:

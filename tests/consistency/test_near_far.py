@@ -322,7 +322,7 @@ def test_placements_by_strength(tmp_path: Path) -> None:
                         f"area: {{s_m: [-900, 900], l1_m: [0, 5000]}}\n{text}")  # fmt: skip
         return objective.problem(*read_study(path, Optimize, []))
 
-    with pytest.raises(InputError, match=r"objective: pdop is evaluated from directions alone"):
+    with pytest.raises(InputError, match=r"directions alone, .* by pseudolites\.cn0_reference_m, interference\."):
         study("objective: pdop\npseudolites: [2]\n", pseudolites={})
     with pytest.raises(InputError, match=r"pseudolites: 5 pseudolites cannot take turns"):
         study("objective: lateral_touchdown\npseudolites: [1, 5]\n", pseudolites={"pulses": {"duty": 0.2}})

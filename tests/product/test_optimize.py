@@ -69,13 +69,14 @@ def test_json(folder: Path) -> None:
     assert flown["verdict"].startswith("sigma ")
     shown = navsim("show", "json.h5", cwd=folder).stdout
     assert "near-far effects are not simulated" in shown
+    assert "errors of pseudolites: white noise alone, so their gain is optimistic" in " ".join(shown.split())
     assert f"All states, 1 pseudolite: {flown['verdict']}" in " ".join(shown.split())
 
 
 def test_none_is_flown_where_that_is_asked_for(folder: Path) -> None:
     file = study(folder, NARROW)
     done = navsim("optimize", file, "--runs", 0, "-o", "unflown.h5", "--figures", "none", cwd=folder)
-    assert "The best placements were not flown (--runs 0)" in done.stdout
+    assert "No runs have checked the best placements" in done.stdout
     file = study(folder, "pseudolites: [1]\nobjective: pdop\nsites: [{s_m: -14, l1_m: -300}]\n")
     said = navsim("optimize", file, "--runs", 0, "-o", "unflown.h5", "--figures", "none", cwd=folder).stderr
     assert "1 pseudolite: pseudolites on the pavement of the runway, 1000 m by 30 m" in said

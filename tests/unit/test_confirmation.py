@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from navsim.landing.confirmation import Candidate, Confirmation, Errors, FlownRequirements, OfRuns, confirm
+from navsim.optimization import study
+from navsim.optimization.best_placement import Found
+from navsim.optimization.costs import Member
+from navsim.optimization.problem import Evaluated
+from navsim.optimization.scenario import Optimize
+from navsim.optimization.search_log import SearchLog
 from navsim.results.notes import CONSISTENT
 from navsim.results.schema import FILTER_QUANTITIES, MET, NOT_MET
 from navsim.runner.errors import BadInput
@@ -108,6 +116,24 @@ def test_one_whose_position_has_too_small_a_sigma_gives_way() -> None:
     assert (found.best.choice[0], [one.choice[0] for one in found.rejected]) == (1, [0])
     assert found.findings("x", str)[0].text == "x: [0] is rejected: in 200 runs a σ of position is too small"
     assert confirmed([1.0, 1.1], [1.0, 1.2], misplaced=2)[0].best.choice[0] == 0, "no other is better"
+
+
+def test_a_level_of_a_placement_that_replaces_another_is_known() -> None:
+    """By analysis: runs have errors of the filter alone."""
+    outcome, first = study.SearchOutcome(0.0), np.zeros((1, 2))
+    one = Member(1, 0)
+    outcome.found[one] = Found(first, 20.0, {}, False, True, others=(first + 90.0,))
+
+    def fly(choice: np.ndarray, seed: int, number: int, runs: int) -> OfRuns:
+        return OfRuns(errors(1.0), "", False, small_position=not choice.any())
+
+    def judged(places: np.ndarray) -> Evaluated:
+        return Evaluated(20.0 + places[:, 0, 0], 20.0 + places[:, 0, 0], np.zeros(1))
+
+    problem: Any = SimpleNamespace(fly=fly, judged=judged, requirements=None, study=Optimize.model_construct(
+        objective="vpl_p95"), of=lambda _: problem)  # fmt: skip
+    study._fly_best(problem, outcome, one, 1, 200, SearchLog())
+    assert outcome.found[one].value == 110.0
 
 
 def test_one_without_an_error_in_runs_is_not_confirmed() -> None:

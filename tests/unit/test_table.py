@@ -56,6 +56,16 @@ def test_numbers_are_kept_and_said(shown: Cell, text: str) -> None:
     assert str(shown) == text
 
 
+@pytest.mark.parametrize(
+    ("percent", "required", "text"),
+    [(58.43, 95.0, "58.4"), (98.171, 95.0, "98.2"), (99.9877, 95.0, "99.988"), (99.999422, 95.0, "> 99.99"),
+     (100.0, 95.0, "100"), (0.0, 95.0, "0"), (3e-7, 95.0, "< 0.01"), (0.0412, 95.0, "0.0412"),
+     (99.99942, 99.999, "99.99942"), (99.999942, 99.999, "> 99.9999")],
+)  # fmt: skip
+def test_shares_are_shown_as_far_as_a_requirement_needs(percent: float, required: float, text: str) -> None:
+    assert str(Cell(f"{{:share {required:g}}}", (percent,))) == text
+
+
 def made() -> Table:
     out = Table("Errors [m]", ("filter", "RMS [95 %], m"), notes="* of one run")
     out.head("[b]flown[/b]", "two\nlines")
