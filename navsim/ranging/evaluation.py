@@ -7,11 +7,18 @@ import numpy as np
 from navsim.ranging.estimate import Filtered, Smoothed
 from navsim.ranging.model import RangeModel
 from navsim.ranging.recording import ReferenceTrack
+from navsim.statistics import chi_square
+from navsim.statistics.consistency import effective_count
 
 NOT_SEEN = 0.9
 """Sigma of a state over its sigma at the start from which on the ranges show nothing of it."""
 _CLIPPED = 4.0
 """Sigmas to which innovations are clipped before they are correlated."""
+TRUE_SIGMA, FALSE_VERDICT = (0.8, 1.25), 0.001
+"""Root mean square of error over sigma between which a sigma is true, and the probability that a sigma at the
+upper limit is called too small."""
+_MOST_ERRORS = 5000
+"""Errors whose correlation is looked at; of more, one in several."""
 _OFFSETS = (1.0, 0.05, 0.005)
 """Largest time offset that is searched, and the steps of the two searches, s."""
 
@@ -77,9 +84,19 @@ def find_time_offset(track: ReferenceTrack, model: RangeModel, smoothed: Smoothe
 def errors_against(
     true: np.ndarray, state: np.ndarray, covariance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Root mean square error (m), of error over sigma, and mean error (m), along the three axes; true (t, 3) may have
-    nan."""
+    """Root mean square error (3,) and mean error (3,), m, and errors over sigma (k, 3) at the k times at which true
+    (t, 3) is known."""
     known = np.isfinite(true).all(axis=1)
     error = state[known, :3] - true[known]
     sigma = np.sqrt(np.einsum("tii->ti", covariance[known, :3, :3]))
-    return np.sqrt(np.mean(error**2, axis=0)), np.sqrt(np.mean((error / sigma) ** 2, axis=0)), error.mean(axis=0)
+    return np.sqrt(np.mean(error**2, axis=0)), error.mean(axis=0), error / sigma
+
+
+def sigma_too_small(unit: np.ndarray) -> bool:
+    """Whether errors over sigma (k, n), in order of time, exceed `TRUE_SIGMA` by more than their number explains.
+
+    Of errors that last for as long as the recording, chance alone makes one in a hundred such.
+    """
+    count = effective_count(np.abs(unit[:: 1 + len(unit) // _MOST_ERRORS]))
+    by_chance = chi_square.quantile(1.0 - FALSE_VERDICT, count) / count
+    return bool(np.mean(unit**2) > TRUE_SIGMA[1] ** 2 * by_chance)

@@ -4,10 +4,7 @@ The noise is tuned on the first part alone. There the filter states a sigma for 
 drift at the end of each simulated outage. The prediction for a quantity is the mixture of these normal distributions:
 half of the later values, and 95 % of them, should be within its quantiles. It is written before the rest is read.
 
-Successive values are correlated, so the interval of a share counts effectively independent values only, by the initial
-positive sequence estimator [1] of the autocorrelation of their ranks.
-
-Source: [1] Geyer, Practical Markov chain Monte Carlo, Statistical Science 7 (1992): 473-483, section 3.3.
+Successive values are correlated, so the interval of a share counts effectively independent values only.
 """
 
 from __future__ import annotations
@@ -39,6 +36,7 @@ from navsim.results.builder import ResultBuilder
 from navsim.runner.job import OptionError
 from navsim.runner.statistics import share_interval
 from navsim.statistics import normal
+from navsim.statistics.consistency import effective_count
 
 SHARES = (50, 95)
 """Shares of the predicted bands, %."""
@@ -211,25 +209,6 @@ def _quantile(sigma: np.ndarray, share: float) -> float:
 
     widest = float(sigma.max()) * normal.quantile(0.5 + 0.5 * share)
     return float(brentq(lambda x: 1.0 - share - normal.exceedance(x, 0.0, sigma).mean(), 0.0, 1.001 * widest))
-
-
-def effective_count(values: np.ndarray) -> float:
-    """Number of independent values with the same variance of the mean rank as values (n, k) at n times.
-
-    Columns at one time may be correlated, and times with those before them [1].
-    """
-    from scipy.stats import rankdata
-
-    n = len(values)
-    if n < LEAST:
-        return float(values.size)
-    ranks = rankdata(values).reshape(values.shape)
-    mean = ranks.mean(axis=1) - ranks.mean()
-    product = np.correlate(mean, mean, "full")[n - 1 :] / n
-    pairs = product[: n - n % 2].reshape(-1, 2).sum(axis=1)
-    positive = pairs[: int(np.argmax(pairs <= 0.0))] if (pairs <= 0.0).any() else pairs
-    variance = (2.0 * positive.sum() - product[0]) / n
-    return float(np.clip(ranks.var() / variance, 1.0, values.size)) if variance > 0.0 else float(values.size)
 
 
 def _first_fix(fixes: Fixes) -> list[float]:

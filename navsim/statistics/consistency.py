@@ -77,3 +77,24 @@ def correlated_states(covariance: np.ndarray, among: np.ndarray) -> list[tuple[i
                 if abs(correlation) > CORRELATED:
                     found.append((int(a), int(b), correlation))
     return sorted(found, key=lambda pair: -abs(pair[2]))
+
+
+def effective_count(values: np.ndarray) -> float:
+    """Number of independent values with the same variance of the mean rank as values (n, k) at n times.
+
+    Columns at one time may be correlated, and times with those before them: the initial positive sequence estimator of
+    the autocorrelation of the ranks (Geyer, Practical Markov chain Monte Carlo, Statistical Science 7 (1992): 473-483,
+    section 3.3).
+    """
+    from scipy.stats import rankdata
+
+    n = len(values)
+    if n < 2:
+        return float(values.size)
+    ranks = rankdata(values).reshape(values.shape)
+    mean = ranks.mean(axis=1) - ranks.mean()
+    product = np.correlate(mean, mean, "full")[n - 1 :] / n
+    pairs = product[: n - n % 2].reshape(-1, 2).sum(axis=1)
+    positive = pairs[: int(np.argmax(pairs <= 0.0))] if (pairs <= 0.0).any() else pairs
+    variance = (2.0 * positive.sum() - product[0]) / n
+    return float(np.clip(ranks.var() / variance, 1.0, values.size)) if variance > 0.0 else float(values.size)

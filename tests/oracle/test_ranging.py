@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.optimize import least_squares
+from scipy.signal import lfilter
 
 from navsim.ranging.estimate import (
     StartState,
@@ -20,13 +21,14 @@ from navsim.ranging.estimate import (
     tangents,
     tune,
 )
-from navsim.ranging.evaluation import dilution, unobserved_states
+from navsim.ranging.evaluation import dilution, sigma_too_small, unobserved_states
 from navsim.ranging.model import SETTINGS, RangeModel, build_model
 from navsim.ranging.recording import RangeLog, Sources
 from navsim.ranging.scenario import RecordedRanges
 from navsim.ranging.start import find_start, mirror_solution
 from navsim.ranging.study import RangeStudy, compute, prepare, solve
 from navsim.results.findings import of as findings_of
+from navsim.results.notes import CONSISTENT
 from navsim.scenario_files.base import validated
 from navsim.scenario_files.source import parse
 from navsim.statistics.consistency import correlated_states
@@ -376,6 +378,18 @@ def test_uwb_yard(shared: Path, within: Any) -> None:
         median = np.nanmedian(error[study.log.source == i])
         assert result["/states/value"][states.index(f"bias {name}")] == pytest.approx(median, abs=within["bias"])
     assert (result["/summary/outliers"] < 0.03 * result["/summary/ranges"]).all()
+    told = [found for found in findings_of(result) if found.name == "reference_sigma"]
+    assert [(each.text[:25], each.against) for each in told] == [("the vertical errors of th", (CONSISTENT,))] * 2
+
+
+@pytest.mark.parametrize(("size", "share"), [(1.0, (0.0, 0.0)), (3.0, (0.9, 1.0))])
+def test_a_sigma_is_too_small_beyond_chance(size: float, share: tuple[float, float]) -> None:
+    """Errors of 20 s correlation time over 200 s at 10 Hz."""
+    drawn = size * np.random.default_rng(3).standard_normal((50, 2000, 1))
+    keep = np.exp(-0.1 / 20.0)
+    drawn[:, 0] /= np.sqrt(1.0 - keep**2)
+    errors = np.sqrt(1.0 - keep**2) * lfilter([1.0], [1.0, -keep], drawn, axis=1)
+    assert share[0] <= np.mean([sigma_too_small(each) for each in errors]) <= share[1]
 
 
 UAV = """
