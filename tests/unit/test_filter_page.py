@@ -75,17 +75,27 @@ def test_a_row_of_the_page_has_as_many_runs_of_each_seed(flown: list[tuple[Any, 
 
 def test_numbers_of_a_row() -> None:
     """z, its sampling, and what is outside of the limits, of parts put together; heading is 30 % too large."""
-    found = drawn(3000, 1, 1.3).plus(drawn(3000, 2, 1.3))
-    row = consistency.Row(consistency.studies()["landing"], "eskf", found)
-    z, spread = row.heading
-    assert z == pytest.approx(1.3, abs=4 * spread)
-    assert spread == pytest.approx(1.3 / np.sqrt(2 * 6000), rel=0.1)
-    assert row.extreme(True)[2].startswith("heading")
+    row = consistency.Row.of("landing", "eskf", drawn(3000, 1, 1.3).plus(drawn(3000, 2, 1.3)))
+    assert row.heading_z == pytest.approx(1.3, abs=4 * row.heading_z_sampling)
+    assert row.heading_z_sampling == pytest.approx(1.3 / np.sqrt(2 * 6000), rel=0.1)
+    assert row.largest_z_at.startswith("heading")
     assert len(row.outside()) == 1
-    assert row.degrees[0] / row.degrees[1] == pytest.approx(z, rel=1e-12)
-    true = consistency.Row(consistency.studies()["landing"], "eskf", drawn(6000, 3))
+    assert not row.is_large_enough
+    assert row.heading_rms_deg / row.heading_sigma_deg == pytest.approx(row.heading_z, rel=1e-3)
+    true = consistency.Row.of("landing", "eskf", drawn(6000, 3))
     assert not true.outside()
+    assert true.is_large_enough
     assert true.departure < row.departure
+    assert consistency.Row.read(row.cells()) == row
+
+
+def test_the_page_has_the_rows_of_its_table() -> None:
+    """Each case with each kind that flies it, once, and the figures of the table."""
+    rows = consistency.read_table()
+    wanted = [(label, kind) for label, study in consistency.studies().items() for kind in study.kinds]
+    assert [(row.case, row.kind) for row in rows] == wanted
+    text = consistency.PAGE.path.read_text()
+    assert text.startswith("\n".join(consistency.page(rows)))
 
 
 def test_code_that_a_kind_does_not_run_leaves_its_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
