@@ -534,7 +534,7 @@ def results(rows: Sequence[Row]) -> list[str]:
     for row in own:
         beside = [rival for rival in rows if rival.case == row.case and rival.kind in PUBLISHED]
         best = min(beside, key=lambda rival: rival.departure, default=row)
-        if best.departure < row.departure:
+        if round(best.departure, 2) < round(row.departure, 2):
             better.append(f"{row.case} (`{best.kind}`: {best.departure:.2f} against {row.departure:.2f})")
     return [
         f"**Heading** at {CORNER:g} s, before the turn. The first column has the smallest and the largest z of the",
@@ -569,13 +569,13 @@ def whole_rows(commit: str) -> list[Row]:
     for case, study in studies().items():
         for kind in study.kinds:
             if (found := finished(case, kind)) is not None:
-                rows.append(Row.of(case, kind, found, commit))
+                rows.append(Row.of(case, kind, found, commit.split("`")[1]))
             elif (case, kind) in kept:
                 rows.append(kept[case, kind])
     before, now = PAGE.stored() or {}, probe()
     alike = before.keys() & now.keys()
     changed = measured.differences({key: before[key] for key in alike}, {key: now[key] for key in alike})
-    if changed and any(row.commit != commit for row in rows):
+    if changed and any(row.commit not in commit for row in rows):
         sys.exit("\n".join(["the CSV has rows of other code; make them anew:", *changed]))
     with TABLE.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
