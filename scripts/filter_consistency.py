@@ -495,9 +495,11 @@ def at_corner(rows: Sequence[Row], label: str, kind: str) -> str:
     return next((f"{r.heading_z:.2f}" for r in rows if r.case == label and r.kind == kind), "-")
 
 
-def listed(subject: str, found: Sequence[str]) -> list[str]:
-    """A list with its heading, or one sentence that nothing was found."""
-    return [f"{subject}:", "", *(f"- {line}" for line in found)] if found else [f"{subject}: there are none."]
+def listed(subject: str, found: Sequence[tuple[str, str]]) -> list[str]:
+    """A table of cases, or one sentence that nothing was found."""
+    if not found:
+        return [f"{subject}: there are none."]
+    return [f"{subject}:", "", "| case | |", "|---|---|", *(f"| {case} | {text} |" for case, text in found)]
 
 
 def results(rows: Sequence[Row]) -> list[str]:
@@ -516,26 +518,26 @@ def results(rows: Sequence[Row]) -> list[str]:
         one = landings.get(kind)
         degrees = [f"{x:.1f}" for x in (one.heading_rms_deg, one.heading_sigma_deg, one.no_fixes_deg)] if one else []
         kinds.append(measured.row(f"`{kind}`", " to ".join(dict.fromkeys(each[:1] + each[-1:])), noises, *degrees))
-    outside = [f"{row.case}: {', '.join(row.outside())}" for row in own if row.outside()]
+    outside = [(row.case, ", ".join(row.outside())) for row in own if row.outside()]
     above = [
-        f"{row.case}: {row.heading_rms_deg:.1f}° against {row.no_fixes_deg:.1f}°"
+        (row.case, f"{row.heading_rms_deg:.1f}° against {row.no_fixes_deg:.1f}°")
         for row in own
         if row.heading_rms_deg > row.no_fixes_deg * (1.0 + 2.0 * row.heading_z_sampling)
     ]
     beyond = [row for row in own if row.beyond - 2.0 * row.beyond_sampling > NOMINAL]
     above_share = [row for row in own if row.beyond > SHARE]
     over = [
-        f"{row.case}: {row.beyond:.2f} ± {row.beyond_sampling:.2f} %"
+        (row.case, f"{row.beyond:.2f} ± {row.beyond_sampling:.2f} %")
         for row in above_share
         if row.beyond - 2.0 * row.beyond_sampling > SHARE
     ]
-    far = [f"{row.case}: {row.far} of {row.runs}" for row in own if row.far]
+    far = [(row.case, f"{row.far} of {row.runs}") for row in own if row.far]
     better = []
     for row in own:
         beside = [rival for rival in rows if rival.case == row.case and rival.kind in PUBLISHED]
         best = min(beside, key=lambda rival: rival.departure, default=row)
         if round(best.departure, 2) < round(row.departure, 2):
-            better.append(f"{row.case} (`{best.kind}`: {best.departure:.2f} against {row.departure:.2f})")
+            better.append((row.case, f"`{best.kind}`: {best.departure:.2f} against {row.departure:.2f}"))
     return [
         f"**Heading** at {CORNER:g} s, before the turn. The first column has the smallest and the largest z of the",
         "shipped scenarios; the other columns are those of `landing`. Straight flight does not show heading, so errors",
