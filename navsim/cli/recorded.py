@@ -32,7 +32,7 @@ from navsim.cli.options import (
 from navsim.cli.terminal import TerminalRequest, run_job
 from navsim.runner.opening import open_job, stem_of_log, target_of
 from navsim.runner.resources import Request, check_resources
-from navsim.runner.target import check_target, locked_target, save
+from navsim.runner.target import check_target, figure_folder, locked_target, save
 
 if TYPE_CHECKING:
     from navsim.live.session import Session
@@ -111,6 +111,14 @@ class LiveOptions:
         ),
     ] = None
     output: Annotated[Path | None, output_option("results/<scenario stem>_live.h5")] = None
+    figures: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FOLDER|none",
+            help="Folder for figures; created if missing. Default: none.",
+            show_default=False,
+        ),
+    ] = None
     seed: SeedOption = 1
     set_: Annotated[list[str] | None, set_option("scenario")] = None
     realtime: Annotated[bool, typer.Option("--realtime", help="Delay the lines of a fast source to real time.")] = False
@@ -142,6 +150,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: OutputOptions) ->
     sort = ResultKind("live")
     with leaving():
         target = target_of(given.output, f"{scenario.stem}_live")
+        drawing = figure_folder(given.figures, target, skipped=True)
         check_target(target, sort, care.force)
         # a non-result does not replace a result, nor anything else
         failed = target if care.force or not target.exists() else target.with_stem(f"{target.stem}_failed")
@@ -167,7 +176,7 @@ def live(scenario: ScenarioArgument, given: LiveOptions, care: OutputOptions) ->
         wrong = flying.failures(result)
         if wrong:
             target = failed
-        written = save(result, target, None)
+        written = save(result, target, drawing)
     except StreamError as error:
         leave(BAD_INPUT, error)
     except ResultError as error:

@@ -89,7 +89,7 @@ POSITION_TIME = 2.5
 """1 sigma of a position over that of a velocity, s: receivers propagate positions with the velocity."""
 LASTING_TIME = 100.0
 """Correlation time at which the tuning of an error that the receiver claims starts, s."""
-UNTOLD = "errors of the positions that last for minutes: {}. The position's sigma is without them"
+UNTOLD = "errors of the positions that last for {}: {}. The position's sigma is without them"
 """What a recording does not show, and why."""
 LEAST_LASTING = 0.05
 """Least part of a claimed accuracy that lasts."""
@@ -226,15 +226,18 @@ class Recording:
         """Whether the accuracies that the receiver claims tell how large the lasting part of its errors is."""
         return bool(self.settings[ERROR_SIZE] > 0.0)
 
-    @property
-    def unknown_errors(self) -> tuple[str, ...]:
-        """Errors of the fixes that neither the recording nor the log tells."""
+    def unknown_errors(self, settings: np.ndarray) -> tuple[str, ...]:
+        """Errors of the fixes that neither the recording nor the log tells, for values of `tuned`."""
         if self.tight or self.claimed or self.scenario.gnss.errors or self.fixes.has_own_noise:
             return ()
         claims = zip(FIX_ACCURACIES[:2], self.fixes.usual_accuracy, strict=False)
         if missing := [name for name, usual in claims if np.isnan(usual)]:
-            return (UNTOLD.format(f"the fixes have no {' and no '.join(missing)}, and no innovation shows them"),)
-        return (UNTOLD.format("the accuracies of the fixes count as white noise, since nothing tunes the rest"),)
+            why = f"the fixes have no {' and no '.join(missing)}, and no innovation shows them"
+            shorter = settings[ERROR_SIZE] > 0.0
+            long = f"much longer than the {settings[ERROR_TIME]:.0f} s of the tuned error" if shorter else "minutes"
+            return (UNTOLD.format(long, why),)
+        why = "the accuracies of the fixes count as white noise, since nothing tunes the rest"
+        return (UNTOLD.format("minutes", why),)
 
     def velocity_lag(self, settings: np.ndarray) -> float:
         """How much older velocities are than positions, s, for values of `tuned`."""
@@ -589,7 +592,7 @@ def compute(
             "replay", 0, scenario, alignment_time=alignment.time, alignment_until=alignment.until,
             alignment_sigma_deg=np.degrees(np.sqrt(np.diag(alignment.covariance))),
             recorded_s=recording.recorded, flown_s=(flight.imu_time[0], flight.imu_time[-1]),
-            not_judged="; ".join([*recording.not_judged, *recording.unknown_errors]),
+            not_judged="; ".join([*recording.not_judged, *recording.unknown_errors(settings)]),
         )
     )  # fmt: skip
     out.variables.update(kept([*tuning.findings, *findings(recording, out, withheld, flight, flown)]))

@@ -316,6 +316,8 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
         return Problem(place, key, _list_needed(model, error["loc"], error.get("input")))
     elif kind == "string_type":
         message = "expected a text"
+        if isinstance(given := error.get("input"), (int, float)):
+            return Problem(place, key, f'{message}, not {_shown(given)}; in quotation marks it is one: "{given}"')
     elif kind in ("bool_type", "bool_parsing"):
         message = "expected true or false"
     elif kind == "too_short":

@@ -47,6 +47,8 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 """First bytes of every HDF5 file (HDF5 File Format Specification, section II.A)."""
 _LOGS = (".bin", ".ulg", ".ubx", ".nmea", ".pos", ".tlog")
 """Suffixes of recordings, which `navsim import` reads or explains why it cannot."""
+_TABLES = (".csv", ".tsv", ".gz", ".bz2", ".zip", ".obs", ".rnx")
+"""Suffixes of tables and observations, which a scenario or log file names."""
 
 
 @dataclass(frozen=True)
@@ -379,6 +381,9 @@ def load(path: Path) -> Document:
         raise InputError([Problem(Place(name), "", message)])
     if path.suffix.lower() in _LOGS:
         message = f"is a log, not a scenario: use navsim import {path}, which writes a log.yaml for navsim replay"
+        raise InputError([Problem(Place(name), "", message)])
+    if path.suffix.lower() in _TABLES:
+        message = "is a table, not a scenario. A log file names it; navsim init recorded_flight -o log.yaml writes one"
         raise InputError([Problem(Place(name), "", message)])
     if len(raw) > MOST_BYTES:
         raise InputError([Problem(Place(name), "", f"more than {MOST_BYTES:,} bytes; that is not a scenario")])

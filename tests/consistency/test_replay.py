@@ -20,7 +20,7 @@ from navsim.replays import flight as simulated
 from navsim.replays import study as replay
 from navsim.replays.findings import _inconsistent, _tied
 from navsim.replays.result_groups import write_filter
-from navsim.replays.tuning import TuningSearch
+from navsim.replays.tuning import ERROR_SIZE, ERROR_TIME, SETTINGS, TuningSearch
 from navsim.results import findings
 from navsim.results.builder import ResultBuilder
 from navsim.results.result import Result, Variable
@@ -182,7 +182,7 @@ def test_lasting_errors_are_as_large_as_the_receiver_claims(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
-        (0, "no sigma_horizontal_m and no sigma_vertical_m, and no innovation shows them"),
+        (0, "for minutes: the fixes have no sigma_horizontal_m and no sigma_vertical_m, and no innovation shows them"),
         (1, "no sigma_vertical_m, and"),
         (2, "the accuracies of the fixes count as white noise"),
     ],
@@ -192,8 +192,11 @@ def test_why_the_size_of_lasting_errors_is_unknown(columns: int, words: str, tmp
     samples, fixes = record(circuit(), 1)
     claims = np.tile([3.0, 4.5], (fixes.time.size, 1))[:, :columns]
     log = write_recording(tmp_path, samples, replace(fixes, accuracy=claims if columns else None))
-    (text,) = replay.prepare(*read_replay(log, ("tuning=none",))).unknown_errors
+    recording = replay.prepare(*read_replay(log, ("tuning=none",)))
+    (text,) = recording.unknown_errors(recording.settings)
     assert words in text
+    tuned = np.where(np.arange(SETTINGS) == ERROR_SIZE, 2.0, np.where(np.arange(SETTINGS) == ERROR_TIME, 19.3, 0.0))
+    assert ("much longer than the 19 s of the tuned error" in recording.unknown_errors(tuned)[0]) == (columns < 2)
 
 
 def test_an_uncertain_latency_is_in_the_sigma_of_position(tmp_path: Path) -> None:

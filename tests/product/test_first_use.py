@@ -31,6 +31,7 @@ from navsim.report import printing as drawing
 from navsim.results.result import ONE_RUN, SEVERAL_RUNS, ResultKind, read, read_kind
 from navsim.scenario.landing import Landing
 from navsim.scenario_files import shipped
+from navsim.scenario_files.source import InputError, load
 from navsim.sweeps.scenario import Sweep
 from tests.conftest import ROOT, SCENARIOS
 from tests.helpers import case, scenario
@@ -221,6 +222,12 @@ def test_scenarios_are_wanted(command: str, files: Path) -> None:
     extra = ("--receiver", "-") if command == "live" else ()
     said = navsim(command, "x.h5", *extra, cwd=files, code=2).stderr
     assert "x.h5: is a result, not a scenario: use navsim show x.h5 or navsim plot x.h5" in said
+
+
+def test_a_table_is_no_log_file(tmp_path: Path) -> None:
+    (tmp_path / "gnss.csv").write_text("t_s,lat_deg\n0,48\n")
+    with pytest.raises(InputError, match=r"gnss\.csv: is a table, not a scenario\. A log file names it"):
+        load(tmp_path / "gnss.csv")
 
 
 def test_a_kind_that_is_a_list_is_refused(tmp_path: Path) -> None:

@@ -48,6 +48,7 @@ LANDING = SCENARIOS / "landing.yaml"
         ("wind.gusts=4", "wind.gusts: expected a list, not 4; begin each entry with a dash"),
         ("sky.systems=gps", "sky.systems: expected a list, not 'gps'; one value in brackets is one: [gps]"),
         ("title=null", "title: expected a text, not null"),
+        ("title=3", 'title: expected a text, not 3; in quotation marks it is one: "3"'),
         ("epoch=3", "epoch: expected a UTC time such as 2018-09-13T12:00:00Z, not 3"),
         ("pseudolites={sites: [{name: A&B, s_m: 1, l1_m: 2}]}",
          "pseudolites.sites.0.name: expected 1 to 16 of the letters A to Z and a to z, digits, - and _, not 'A&B'"),
