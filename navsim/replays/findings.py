@@ -230,7 +230,7 @@ def _why_unaligned(scenario: Replay, log: ReadLog, first: float, since: float) -
     ]
     if holes:
         return f"there are {_few(holes)}, and the motion beside does not {heading}"
-    return f"{wanted.longest_s:g} s of motion that begin within do not {heading}"
+    return f"motion that begins then does not {heading} within {wanted.longest_s:g} s"
 
 
 def find_off_course(flight: RecordedFlight, flown: replay.Replayed) -> list[Finding]:
