@@ -7,6 +7,7 @@ lasts until it ends, so that position and height jump at a change. A wrong fix i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -28,6 +29,19 @@ class ForcedState:
     lasting: np.ndarray | None = None
 
 
+class StateHistory(NamedTuple):
+    """States of the fixes of a run, one after another."""
+
+    begin: np.ndarray
+    """(k,) when each begins, s, the first at 0."""
+    state: np.ndarray
+    """(k,)."""
+
+    def at(self, time: np.ndarray) -> np.ndarray:
+        """Place (e,) in the history at times (e,), s."""
+        return np.maximum(np.searchsorted(self.begin, time + 1e-9, side="right") - 1, 0)
+
+
 class StatedFixes(NamedTuple):
     """States of the fixes of runs."""
 
@@ -37,6 +51,8 @@ class StatedFixes(NamedTuple):
     """(e, W) state that the receiver reports."""
     error: np.ndarray
     """(e, 6, W) error of position, m, and velocity, m/s, NED."""
+    known: np.ndarray
+    """(e, 6, W) the part of it that the scenario gives."""
 
     def unused(self, flag_sigma: np.ndarray | None) -> np.ndarray:
         """Which fixes (e, W) a filter with these sigmas (5, 3) by flag does without."""
@@ -80,49 +96,96 @@ class FixStates:
         out[:, :2] = np.hypot(out[:, :2], self.lasting)
         return out
 
-    def path(self, rng: np.random.Generator, end: float) -> tuple[np.ndarray, np.ndarray]:
-        """Times (k,) when states begin, the first at 0 s, up to an end, s; and the states (k,)."""
-        state, now = int(rng.choice(len(STATES), p=self.shares)), 0.0
+    @cached_property
+    def before(self) -> np.ndarray:
+        """(5, 5) probability of the state before each state: the stationary chain backward in time."""
+        flow = (self.shares / self.mean_time)[:, None] * self.following
+        total = flow.sum(axis=0)
+        return np.where(total > 0.0, flow / np.where(total > 0.0, total, 1.0), 0.0).T
+
+    def path(self, rng: np.random.Generator, end: float) -> StateHistory:
+        """History up to an end, s, with the forced states."""
+        return self.with_forced(self.unforced(rng, end))
+
+    def unforced(self, rng: np.random.Generator, end: float, state: int | None = None, at: float = 0.0) -> StateHistory:
+        """History up to an end, s, without forced states; given that it has a state at a time, s.
+
+        Times that remain in that state, and that it has lasted, are exponential both.
+        """
+        if state is None:
+            state = int(rng.choice(len(STATES), p=self.shares))
+        past, earlier = self._walk(rng, state, at, self.before) if at > 0.0 else ([0.0], [state])
+        ahead, later = self._walk(rng, state, end - at, self.following)
+        begin = [0.0, *(at - t for t in past[:0:-1]), *(at + t for t in ahead[1:])]
+        return StateHistory(np.array(begin), np.array([*earlier[::-1], *later[1:]]))
+
+    def _walk(
+        self, rng: np.random.Generator, state: int, length: float, following: np.ndarray
+    ) -> tuple[list[float], list[int]]:
+        """Times when states begin, from 0 s up to a length, s, and the states."""
+        now = 0.0
         times, states = [now], [state]
-        while (now := now + float(rng.exponential(self.mean_time[state]))) < end:
-            state = int(rng.choice(len(STATES), p=self.following[state]))
+        while (now := now + float(rng.exponential(self.mean_time[state]))) < length:
+            state = int(rng.choice(len(STATES), p=following[state]))
             times.append(now)
             states.append(state)
-        return self._with_forced(np.array(times), np.array(states))
+        return times, states
 
-    def _with_forced(self, times: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def with_forced(self, history: StateHistory) -> StateHistory:
         """The same with forced states instead of those that they cover."""
+        times, states = history
         for one in self.forced:
             after = states[np.searchsorted(times, one.end, side="right") - 1]
             kept = (times < one.begin) | (times > one.end)
             times, states = times[kept], states[kept]
             at = int(np.searchsorted(times, one.begin))
             times, states = np.insert(times, at, [one.begin, one.end]), np.insert(states, at, [one.state, after])
-        return times, states
+        return StateHistory(times, states)
+
+    def flags(self, history: StateHistory, time: np.ndarray) -> np.ndarray:
+        """Reported states (e,) at times (e,), s."""
+        seen = history.state[history.at(time - self.flag_delay)]
+        return np.where(seen == WRONG, FIXED, seen)
+
+    def white(self, history: StateHistory, time: np.ndarray) -> np.ndarray:
+        """(e, 6) 1 sigma of the white noise of position and velocity, NED, at times (e,), s."""
+        return np.asarray(self.noise[history.state[history.at(time)]][:, [0, 0, 1, 2, 2, 2]])
+
+    def lasting_errors(self, history: StateHistory) -> tuple[np.ndarray, np.ndarray]:
+        """1 sigma (k, 3) of the lasting error of each state of a history, NED, and its mean (k, 3), which forced states
+        have."""
+        sigma, mean = self.lasting[history.state][:, [0, 0, 1]], np.zeros((history.begin.size, 3))
+        for one in self.forced:
+            if one.lasting is not None:
+                row = np.searchsorted(history.begin, one.begin)
+                sigma[row], mean[row] = 0.0, one.lasting
+        return sigma, mean
+
+    def carried(self, history: StateHistory, time: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        """Covariance of the errors (e, 6) of fixes at times (e,), s, times slopes (K, e, 6) by them."""
+        out = slopes * self.white(history, time) ** 2
+        within = np.eye(history.begin.size)[history.at(time)]
+        of_states = self.lasting_errors(history)[0] ** 2 * np.einsum("Kea,ek->Kka", slopes[..., :3], within)
+        out[..., :3] += np.einsum("Kka,ek->Kea", of_states, within)
+        return np.asarray(out)
 
     def drawn(self, rngs: tuple[np.random.Generator, ...], noise: tuple[np.random.Generator, ...], time: np.ndarray,
-              lanes: int) -> StatedFixes:  # fmt: skip
+              lanes: int, histories: Sequence[StateHistory] | None = None) -> StatedFixes:  # fmt: skip
         """States of fixes at times (e,), s, of runs in the first of so many lanes; further lanes repeat the last run.
 
-        rngs: generators of states and lasting errors; noise: of white noise.
+        rngs: generators of states and lasting errors; noise: of white noise. histories: of the runs, drawn if None.
         """
-        out = StatedFixes(
-            np.empty((time.size, lanes), int), np.empty((time.size, lanes), int), np.empty((time.size, 6, lanes))
-        )
+        out = StatedFixes(*(np.empty((time.size, lanes), int) for _ in range(2)),
+                          *(np.zeros((time.size, 6, lanes)) for _ in range(2)))  # fmt: skip
         for lane, (rng, white) in enumerate(zip(rngs, noise, strict=True)):
-            begins, states = self.path(rng, float(time[-1]) if time.size else 0.0)
-            lasting = rng.standard_normal((begins.size, 3)) * self.lasting[states][:, [0, 0, 1]]
-            for one in self.forced:
-                if one.lasting is not None:
-                    lasting[np.searchsorted(begins, one.begin)] = one.lasting
-            now = np.searchsorted(begins, time + 1e-9, side="right") - 1
-            seen = np.maximum(np.searchsorted(begins, time - self.flag_delay + 1e-9, side="right") - 1, 0)
-            out.state[:, lane] = states[now]
-            out.flag[:, lane] = np.where(states[seen] == WRONG, FIXED, states[seen])
-            out.error[:, :, lane] = (
-                white.standard_normal((time.size, 6)) * self.noise[states[now]][:, [0, 0, 1, 2, 2, 2]]
-            )
+            end = float(time[-1]) if time.size else 0.0
+            history = self.path(rng, end) if histories is None else histories[lane]
+            sigma, mean = self.lasting_errors(history)
+            lasting, now = rng.standard_normal(sigma.shape) * sigma + mean, history.at(time)
+            out.state[:, lane], out.flag[:, lane] = history.state[now], self.flags(history, time)
+            out.error[:, :, lane] = white.standard_normal((time.size, 6)) * self.white(history, time)
             out.error[:, :3, lane] += lasting[now]
+            out.known[:, :3, lane] = mean[now]
         for each in out:
             each[..., len(rngs) :] = each[..., len(rngs) - 1 : len(rngs)]
         return out

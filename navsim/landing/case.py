@@ -210,7 +210,7 @@ class Case:
         """Reason why its runs have no first-order error; "" if they have one."""
         try:
             # a box limits total errors, of which those of navigation are a part
-            check_analysable(self.scenario.model_copy(update={"box": None}))
+            check_analysable(self.scenario.model_copy(update={"box": None, "method": "covariance"}))
         except ValueError as error:
             return str(error)
         if self.scenario.beacons is not None and (key := self.scenario.beacons.irregular):

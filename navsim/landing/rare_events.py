@@ -9,12 +9,14 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import cycle
 
 import numpy as np
 
 from navsim.compiler.lanes import WIDTH
 from navsim.filter import states
 from navsim.filter.records import TIME_TOLERANCE
+from navsim.gnss.fix_states import StateHistory
 from navsim.landing import requirements
 from navsim.landing.case import MOVING, Case
 from navsim.landing.ensemble import (
@@ -47,7 +49,15 @@ from navsim.runner.findings import Flaws
 from navsim.runner.merge_state import pack
 from navsim.runner.statistics import weighted_share
 from navsim.simulation.along_truth import along_truth
-from navsim.simulation.importance_sampling import AirShifts, ProposalShifts, PushedRuns, proposal_shifts, shift_inputs
+from navsim.simulation.importance_sampling import (
+    AirShifts,
+    HistoryProposal,
+    ProposalShifts,
+    PushedRuns,
+    ShiftsByHistory,
+    proposal_shifts,
+    shift_inputs,
+)
 from navsim.simulation.landing import LOOP_TOLERANCE, draw, fly_inputs
 from navsim.simulation.landing_covariance import analyse
 from navsim.simulation.sensitivity import sensitivity
@@ -67,6 +77,9 @@ class LimitState:
 
     box: ErrorBox
     tilt: ProposalShifts
+    """Of fixes that have a state: those of the most likely history."""
+    histories: HistoryProposal | None = None
+    """Of fixes that have a state."""
 
 
 def prepare(case: Case) -> LimitState:
@@ -78,19 +91,31 @@ def prepare(case: Case) -> LimitState:
     weights = np.zeros((3, case.shared.filter_time.size, 3))
     for output, part in zip(*at_box, strict=True):
         weights[:, output] += part * to_runway(case)
-    along = along_truth(case.flight)
-    analysis = analyse(case.flight, np.isin(case.shared.signals.names, case.pseudolites.names), along)
-    mean = at_heights(case, [box.time], analysis.mean)[0]
-    air = None
+    air, off, ended = None, np.zeros(3), np.zeros(3)
     if case.shared.dispersion is not None:
         weights, positions = _off_route(case, box, at_box)
         air = AirShifts.of(case.shared.dispersion, positions)
-        mean = air.mean + np.einsum("Kos,os->K", weights, analysis.mean[:, MOVING])
         if case.scenario.box is not None and case.scenario.box.error == "touchdown":
-            mean[:2] += _touchdown_at_rest(case)[[2, 1]] - air.mean[:2]
+            ended[:2] = _touchdown_at_rest(case)[[2, 1]] - air.mean[:2]
+        off = air.mean + ended
+    if case.shared.fix_states is not None:
+        return _by_history(ShiftsByHistory(case.flight, weights, off, box.lower, box.upper, air), box)
+    along = along_truth(case.flight)
+    analysis = analyse(case.flight, np.isin(case.shared.signals.names, case.pseudolites.names), along)
+    mean = at_heights(case, [box.time], analysis.mean)[0]
+    if air is not None:
+        mean = air.mean + np.einsum("Kos,os->K", weights, analysis.mean[:, MOVING]) + ended
     return LimitState(
         box, proposal_shifts(case.flight, sensitivity(case.flight, along, weights), mean, box.lower, box.upper, air)
     )
+
+
+def _by_history(shifts: ShiftsByHistory, box: ErrorBox) -> LimitState:
+    """Importance sampling of runs whose fixes have a state."""
+    model = shifts.model
+    likely = StateHistory(np.zeros(1), np.array([int(model.shares.argmax())]))
+    histories = HistoryProposal.of(shifts, box.time)
+    return LimitState(box, shifts.of(model.with_forced(likely)), histories)
 
 
 def _touchdown_at_rest(case: Case) -> np.ndarray:
@@ -151,20 +176,31 @@ class RareStudy:
         rows: list[Arrays] = []
         for begin in range(first, first + count, WIDTH):
             runs = range(begin, min(begin + WIDTH, first + count))
-            components = [tilt.proposal.drawn(self.seed, run) for run in runs]
-            if tilt.air is None:
+            pushes = PushedRuns(case.flight, tilt, self.seed, self.edge.histories)
+            tilts, components = pushes.tilts(runs), pushes.components(runs)
+            if self.edge.histories is None and tilt.air is None:
                 inputs, off = shift_inputs(case.flight, tilt, draw(case.flight, self.seed, runs), components)
                 flown = fly_inputs(case.flight, inputs, len(runs))
             else:
-                pushes = PushedRuns(case.flight, tilt, self.seed)
                 (flown,), off = case.fly_runs(self.seed, begin, len(runs), False, pushes=pushes), pushes.off(runs)
+            mean = np.stack([one.mean for one in tilts], axis=1)
+            still = np.array([not one.proposal.shifts[c].any() for one, c in zip(cycle(tilts), components)])
+            own = {}
+            if (histories := self.edge.histories) is not None:
+                drawn, some = [histories.drawn(self.seed, run) for run in runs], tilts[: len(runs)]
+                still &= [chain for _, _, chain in drawn]
+                own["history_log_weight"] = np.array([weight for _, weight, _ in drawn])
+                own["mean"] = mean.T[: len(runs)]
+                own["sigma"] = np.sqrt([np.diagonal(one.proposal.covariance) for one in some])
+                own["chance"] = np.stack([histories.shifts.chances(one) for one in some])
             fixes, outputs = fix_flaws(flown, case.solvable, case.design), output_flaws(flown)
             rows.append(
                 {
                     "error": judged(case, [self.edge.box.time], flown)[:, 0],
-                    "first_order": (tilt.mean[:, None] + off).T[: len(runs)],
-                    "log_weight": tilt.proposal.log_weights(off)[: len(runs)],
-                    "still": np.logical_not(tilt.proposal.shifts[components].any(axis=1)),
+                    "first_order": (mean + off).T[: len(runs)],
+                    "log_weight": pushes.log_weights(runs, off)[: len(runs)],
+                    "still": still,
+                    **own,
                     "fixes": np.sum(~np.isnan(flown.fix_llh[..., 0]), axis=1),
                     "aided_rejected": of_aids(case, flown)["aided_rejected"],
                     **({"loop_gap": flown.loop_gap[:, 0]} if case.scenario.steered else {}),
@@ -211,8 +247,11 @@ def _share(
 ) -> tuple[np.ndarray, float, float]:
     """Probability of runs outside (run,) of limits (3,); see `runner.statistics.weighted_share`."""
     mean, mix = edge.tilt.mean, edge.tilt.proposal
-    inside = mix.most_weight_between(lower - mean, upper - mean)
-    return weighted_share(flown.per_run("log_weight"), outside, mix.most_weight, inside)
+    if edge.histories is not None:
+        most = inside = edge.histories.most_weight * mix.most_weight
+    else:
+        most, inside = mix.most_weight, mix.most_weight_between(lower - mean, upper - mean)
+    return weighted_share(flown.per_run("log_weight"), outside, most, inside)
 
 
 def narrow(value: np.ndarray, effective: float, share: float) -> bool:
@@ -307,14 +346,30 @@ def _by_pushes(found: Finding) -> Finding:
 
 def not_linear(edge: LimitState, flown: Ensemble) -> np.ndarray:
     """Nonlinear part of the limited errors (k,): its standard deviation over shifted runs, relative to the first-order
-    sigma.
+    sigma. If fixes have a state, runs count as much as their histories lead outside to first order.
 
     inf for errors that are not finite.
     """
     some = np.isfinite(edge.box.upper)
     off = (flown.per_run("error") - flown.per_run("first_order"))[:, some]
+    if edge.histories is not None:
+        share = np.exp(flown.per_run("history_log_weight"))[:, None] * flown.per_run("chance")[:, some]
+        square = np.sum(share * (off / flown.per_run("sigma")[:, some]) ** 2, axis=0) / share.sum(axis=0)
+        return np.where(np.isfinite(square), np.sqrt(square), np.inf)
     sigma = np.sqrt(np.diagonal(edge.tilt.proposal.covariance))[some]
     return np.where(np.isfinite(off).all(axis=0), off.std(axis=0), np.inf) / sigma
+
+
+def _over_histories(draft: ResultBuilder, edge: LimitState, flown: Ensemble) -> None:
+    """Mean, sigma and probabilities of the errors to first order over all histories of fix states."""
+    weight = np.exp(flown.per_run("history_log_weight"))[:, None] / flown.runs
+    mean, sigma, chance = (flown.per_run(name) for name in ("mean", "sigma", "chance"))
+    draft["/rare/history_log_weight"] = flown.per_run("history_log_weight")
+    centre = np.sum(weight * mean, axis=0) / weight.sum()
+    draft["/summary/box/axis_mean"] = centre
+    square = np.sum(weight * (sigma**2 + (mean - centre) ** 2), axis=0) / weight.sum()
+    draft["/summary/box/axis_sigma"] = np.sqrt(square)
+    draft["/summary/box/axis_first_order"] = where_limited(edge.box, np.sum(weight * chance, axis=0))
 
 
 def result(case: Case, edge: LimitState, flown: Ensemble, seed: int) -> Result:
@@ -328,6 +383,8 @@ def result(case: Case, edge: LimitState, flown: Ensemble, seed: int) -> Result:
     draft["/rare/first_order"] = flown.per_run("first_order")
     draft["/rare/log_weight"] = log_weight
     to_first_order(draft, edge.box, tilt.mean, np.sqrt(np.diagonal(tilt.proposal.covariance)))
+    if edge.histories is not None:
+        _over_histories(draft, edge, flown)
     of_axes = axis_probabilities(edge, flown)
     for name, data in (
         ("probability", value),

@@ -68,7 +68,8 @@ def _exceedance(results: Sequence[Named], first: int) -> Drawing:
             for end in ("low", "high") if len(curves) > 1 else ():  # translucent colours would mix
                 on.step("x", end, source=of, mode="after", line_color=colour(i), line_dash="dotted")
             marks.append(on.step("x", "y", source=of, mode="after", line_color=colour(i), line_width=1.6, name=name))
-            line(on, source(x=each.grid, y=each.first_order), "y", colour(i), line_dash="dashed")
+            if not np.isnan(each.first_order).all():
+                line(on, source(x=each.grid, y=each.first_order), "y", colour(i), line_dash="dashed")
             upright(on, each.limit, colour(i) if len(results) > 1 else GREY)
         tell(on, marks, ("", "$name"), ("size", "@x{0.000} m"), ("chance", "@y{0.0e+0}"),
              ("95 %", "@low{0.0e+0} to @high{0.0e+0}"))  # fmt: skip

@@ -131,7 +131,8 @@ class Exceedance:
     grid: np.ndarray
     """Sizes of the first-order result, m."""
     first_order: np.ndarray
-    """Probabilities to first order."""
+    """Probabilities to first order; nan where fixes have a state: errors are Gaussian then for a history of states
+    alone."""
     limit: float
     """Limit of the box, half the distance of its limits, m."""
     bottom: float
@@ -154,7 +155,10 @@ def curve(result: Result, i: int) -> Exceedance:
     grid = np.linspace(0.0, max(1.1 * limit, abs(mean) + 3.0 * sigma), _POINTS)
     if bottom:  # only as far as the curves
         grid = np.linspace(0.0, min(grid[-1], abs(mean) - sigma * normal.quantile(0.5 * bottom)), _POINTS)
-    return Exceedance(x, chance, low, high, grid, normal.exceedance(grid, mean, sigma), limit, bottom)
+    gaussian = normal.exceedance(grid, mean, sigma)
+    if "/rare/history_log_weight" in result:
+        gaussian = np.full_like(grid, np.nan)
+    return Exceedance(x, chance, low, high, grid, gaussian, limit, bottom)
 
 
 def middle(result: Result, i: int) -> float:
@@ -173,7 +177,8 @@ def _curve(ax: Axes, result: Result, i: int) -> None:
     ax.fill_between(of.size, of.low, of.high, step="post", color=COLOURS[0], alpha=0.25, lw=0)
     runs = result["/run"].size
     ax.plot(of.size, of.chance, drawstyle="steps-post", color=COLOURS[0], label=f"{several(runs, 'pushed run')}, 95 %")
-    ax.plot(grid, of.first_order, color=COLOURS[1], ls="--", label="first order")
+    if not np.isnan(of.first_order).all():
+        ax.plot(grid, of.first_order, color=COLOURS[1], ls="--", label="first order")
     if bottom:
         ax.set_yscale("log")
         ax.yaxis.set_major_locator(LogLocator(numticks=8))

@@ -688,6 +688,8 @@ _BOX = Chapter(
         _a("/rare/first_order", "run axis", "m", "the same error to first order, from all that was drawn", RARE),
         _a("/rare/log_weight", "run", "1",
            "natural logarithm of the density of the run's inputs over that which they were drawn from", RARE),
+        _a("/rare/history_log_weight", "run", "1", "the part of it that the states of the fixes have", RARE,
+           when=_STATED),
         *(
             _a(path, dims, units, meaning, layouts, of, when=dict.fromkeys(_FLOWN, _BOX_WHEN))
             for path, dims, units, meaning, layouts, of in (

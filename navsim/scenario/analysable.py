@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
 def check_analysable(landing: Landing) -> None:
     """Raise for scenarios that the covariance analysis cannot handle."""
-    if landing.receiver.fix_states is not None:
-        text = "a state of the fixes that changes at random is not Gaussian: use method monte-carlo"
+    if landing.receiver.fix_states is not None and landing.method != "rare":
+        text = "a state of the fixes that changes at random is not Gaussian: use method monte-carlo or rare"
         raise reject(text, "receiver", "fix_states")
     if landing.beacons is not None and landing.filter.beacons.second_order:
         text = "the covariance analysis is linear: use method monte-carlo"

@@ -7,17 +7,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from navsim.compiler.lanes import WIDTH
 from navsim.error_propagation.linearised import Linearised, Steps, empty, linearise, steps_of
 from navsim.filter import states
+from navsim.filter.estimate import in_all_lanes
 from navsim.filter.measurement_kinds import FixTable, RangeTable
 from navsim.filter.records import ImuData
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
+from navsim.gnss.fix_states import StatedFixes
 from navsim.integrity.fix_slopes import slopes
 from navsim.sensors.beacons import Beacons
 from navsim.simulation.flight import Flight, exact_clock, exact_start, initial_state, with_clock
 from navsim.simulation.inertial_states import TrueState, true_states
-from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
-from navsim.simulation.measurements import filter_fixes, without_noise
+from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_fixes, table_of_ranges
+from navsim.simulation.measurements import filter_fixes, receiver_fixes, stated_fixes, without_noise
 from navsim.simulation.shared_truth import assumed_measurements
 
 FIRST_MARKOV = 6
@@ -65,20 +68,40 @@ def along_design(flight: Flight, without: Sequence[bool] | np.ndarray) -> AlongT
     return _along(flight, np.where(missing[:sources], np.nan, ranges), rates, aided, noisy=False)
 
 
-def along_truth(flight: Flight) -> AlongTruth:
-    """Fly the filter of a flight along the truth, without noise."""
-    return _along(flight, *without_noise(flight.shared), [aid.exact for aid in flight.shared.aids])
+def along_truth(flight: Flight, flags: np.ndarray | None = None) -> AlongTruth:
+    """Fly the filter of a flight along the truth, without noise.
+
+    flags: (e,) of fixes that have a state, which then are exact; their errors are "ranges" and "rates" of the result.
+    """
+    own = None if flags is None else _flagged(flight, flags)
+    return _along(flight, *without_noise(flight.shared), [aid.exact for aid in flight.shared.aids], own=own)
+
+
+def _flagged(flight: Flight, flags: np.ndarray) -> FixTable:
+    """Exact fixes with these flags (e,), as the filter takes them."""
+    of_lanes = np.repeat(flags[:, None], WIDTH, axis=1)
+    none, sigma = np.zeros((flags.size, 6, WIDTH)), flight.design.flag_sigma
+    assert sigma is not None
+    stated = StatedFixes(of_lanes, of_lanes, none, none)
+    solved = receiver_fixes(flight.shared, *map(in_all_lanes, without_noise(flight.shared)))
+    llh, velocity, _, covariance = stated_fixes(flight.shared, solved, stated, sigma, None)
+    unused = stated.unused(sigma)[:, None]
+    place, speed = (np.where(unused, np.nan, m)[..., 0] for m in (llh, velocity))
+    return table_of_fixes(flight.design, place, speed, covariance[..., 0])
 
 
 def _along(
-    flight: Flight, ranges: np.ndarray, rates: np.ndarray, aided: Sequence[np.ndarray], noisy: bool = True
-) -> AlongTruth:
+    flight: Flight, ranges: np.ndarray, rates: np.ndarray, aided: Sequence[np.ndarray], noisy: bool = True,
+    own: FixTable | RangeTable | None = None,
+) -> AlongTruth:  # fmt: skip
     """Linearise along these measurements (e, s), and those of each sensor beside the receiver (m, k).
 
-    noisy: whether to compute the added sensor noise."""
+    noisy: whether to compute the added sensor noise. own: table of fixes that have a state."""
     shared, design, gyro, accel = flight.shared, flight.design, flight.gyro, flight.accel
-    own: FixTable | RangeTable
-    if design.tight:
+    if own is not None:
+        epoch = np.arange(shared.signals.time.size)
+        by_range, by_rate = (np.repeat(np.eye(6, 3, k)[None], epoch.size, axis=0) for k in (0, -3))
+    elif design.tight:
         epoch, source = np.nonzero(shared.signals.used)
         by_range, by_rate = (
             np.zeros((epoch.size, MAX_MEASUREMENT_SIZE, shared.signals.used.shape[1])) for _ in range(2)

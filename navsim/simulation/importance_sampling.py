@@ -28,10 +28,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from navsim.compiler.lanes import WIDTH
+from navsim.gnss.fix_states import FixStates, StateHistory
+from navsim.simulation.along_truth import along_truth
 from navsim.simulation.dispersed_trajectory import Dispersion
 from navsim.simulation.flight import Flight
-from navsim.simulation.landing import Inputs, draw
-from navsim.simulation.sensitivity import Slopes, by_scale, carried, deviations, of_aid
+from navsim.simulation.landing import Inputs, draw, draw_states
+from navsim.simulation.sensitivity import Slopes, by_scale, carried, deviations, of_aid, of_states, sensitivity
+from navsim.statistics import normal
+from navsim.statistics.importance_sampling import LEAST
 from navsim.statistics.random_streams import generator
 from navsim.trajectory.dispersion import PathDeviation
 
@@ -43,6 +47,14 @@ _MOST_EXPONENT = 700.0
 """Largest exponent of a number."""
 _STEPS = 1001
 """Places between two faces at which weights are looked at."""
+_CHAIN = 0.2
+"""Share of the histories of fix states that the chain itself draws."""
+_BEFORE = (0.0, 5.0, 15.0)
+"""Times before the box at which the state of the other histories is given, s: filters and autopilots are slow."""
+_TRIALS = 4
+"""Histories of each kind that decide how many runs get it."""
+_KEPT = 16
+"""Slopes that are kept for other histories with the same flags."""
 
 
 @dataclass(frozen=True)
@@ -163,11 +175,12 @@ class AirShifts:
 
 
 def proposal_shifts(
-    flight: Flight, slopes: Slopes, mean: np.ndarray, lower: np.ndarray, upper: np.ndarray, air: AirShifts | None = None
-) -> ProposalShifts:
+    flight: Flight, slopes: Slopes, mean: np.ndarray, lower: np.ndarray, upper: np.ndarray,
+    air: AirShifts | None = None, shifts: Slopes | None = None,
+) -> ProposalShifts:  # fmt: skip
     """The pushes for a box; slopes: of the K errors that it bounds; mean, lower, upper: see `proposal`, which raises
-    ValueError; air: see `ProposalShifts`."""
-    shifts = carried(flight, slopes)
+    ValueError; air, shifts: see `ProposalShifts`, shifts are computed if None."""
+    shifts = carried(flight, slopes) if shifts is None else shifts
     pairs = zip(slopes.members(), shifts.members(), strict=True)
     parts = [np.einsum("ki,li->kl", *(m.reshape(m.shape[0], -1) for m in pair)) for pair in pairs]
     covariance = np.sum(parts, axis=0)
@@ -177,35 +190,156 @@ def proposal_shifts(
 
 
 @dataclass(frozen=True)
+class ShiftsByHistory:
+    """Shifts of the inputs of a flight whose fixes have a state: of what is Gaussian given the history of states."""
+
+    flight: Flight
+    weights: np.ndarray
+    """(K, o, 6) see `sensitivity`."""
+    mean: np.ndarray
+    """(K,) of the errors that the box bounds, without those of the filter."""
+    lower: np.ndarray
+    """(K,) of the box, also `upper`."""
+    upper: np.ndarray
+    air: AirShifts | None
+    """See `ProposalShifts`."""
+    kept: dict[bytes, tuple[Slopes, Slopes]] = field(default_factory=dict)
+    """Slopes and shifts by the sigmas of the fixes in the filter, which alone change with a history."""
+
+    @property
+    def model(self) -> FixStates:
+        """The chain of states."""
+        assert self.flight.shared.fix_states is not None
+        return self.flight.shared.fix_states
+
+    def of(self, history: StateHistory) -> ProposalShifts:
+        """Those of a history."""
+        shared = self.flight.shared
+        flags = self.model.flags(history, shared.signals.time)
+        assert self.flight.design.flag_sigma is not None
+        if (key := self.flight.design.flag_sigma[flags].tobytes()) not in self.kept:
+            slopes = sensitivity(self.flight, along_truth(self.flight, flags), self.weights)
+            while len(self.kept) >= _KEPT:
+                self.kept.pop(next(iter(self.kept)), None)
+            self.kept[key] = slopes, carried(self.flight, slopes, history)
+        slopes, shifts = self.kept[key]
+        ranges, rates, _ = of_states(shared, slopes, history)
+        known = self.model.lasting_errors(history)[1][history.at(shared.signals.time)]
+        mean = self.mean + slopes.mean + np.einsum("kea,ea->k", slopes.ranges, known)
+        return proposal_shifts(self.flight, slopes, mean, self.lower, self.upper, self.air,
+                               replace(shifts, ranges=ranges, rates=rates))  # fmt: skip
+
+    def chances(self, tilt: ProposalShifts) -> np.ndarray:
+        """Probabilities (K,) that each error is beyond its limits, to first order, with shifts of a history."""
+        chance = normal.outside(self.lower, self.upper, tilt.mean, np.sqrt(np.diagonal(tilt.proposal.covariance)))
+        return np.where(np.isfinite(self.upper), chance, 0.0)
+
+
+@dataclass(frozen=True)
+class HistoryProposal:
+    """Proposal density of the histories of fix states: a mixture of the chain, and of the chain given that it has a
+    state at a time.
+
+    Given a state at a time, the density of a history is that of the chain over the stationary share of the state, for
+    histories that have it there, and 0 for others.
+    """
+
+    shifts: ShiftsByHistory
+    at: np.ndarray
+    """(C,) times of the components, s."""
+    state: np.ndarray
+    """(C,) states of the components."""
+    shares: np.ndarray
+    """(C,) of the components; the rest is that of the chain itself."""
+
+    @classmethod
+    def of(cls, shifts: ShiftsByHistory, box_time: float) -> HistoryProposal:
+        """Half of the runs given a state go to all states and times alike, half by the probabilities of leaving the
+        box with them, to first order."""
+        stationary = shifts.model.shares
+        there = [(max(box_time - before, 0.0), n) for before in _BEFORE for n in np.flatnonzero(stationary > LEAST)]
+        at, state = map(np.array, zip(*there, strict=True))
+        out = cls(shifts, at, state, np.zeros(at.size))
+        chance = np.zeros(at.size)
+        for c in range(at.size):
+            for trial in range(_TRIALS):
+                history = out.given(generator(c, trial, "tilt", 2), c)
+                tilt = shifts.of(shifts.model.with_forced(history))
+                chance[c] += stationary[state[c]] * min(1.0, float(shifts.chances(tilt).sum()))
+        likely = chance / chance.sum() if chance.sum() > 0.0 else np.full(at.size, 1.0 / at.size)
+        return replace(out, shares=(1.0 - _CHAIN) * (_EVENLY / at.size + (1.0 - _EVENLY) * likely))
+
+    @property
+    def most_weight(self) -> float:
+        """No weight is above this."""
+        return 1.0 / _CHAIN
+
+    def given(self, rng: np.random.Generator, component: int) -> StateHistory:
+        """History without forced states that a component draws; one beyond the last is the chain."""
+        model, end = self.shifts.model, float(self.shifts.flight.shared.signals.time[-1])
+        if component >= self.at.size:
+            return model.unforced(rng, end)
+        return model.unforced(rng, end, int(self.state[component]), float(self.at[component]))
+
+    def drawn(self, seed: int, run: int) -> tuple[StateHistory, float, bool]:
+        """History of a run, the logarithm of its weight, and whether the chain itself drew it."""
+        rng, ends = generator(seed, run, "tilt", 1), np.cumsum(self.shares)
+        component = int(np.searchsorted(ends, rng.random(), side="right"))
+        history = self.given(rng, component)
+        has = history.state[history.at(self.at)] == self.state
+        density = _CHAIN + np.sum(self.shares[has] / self.shifts.model.shares[self.state[has]])
+        return self.shifts.model.with_forced(history), -float(np.log(density)), component == self.at.size
+
+
+@dataclass(frozen=True)
 class PushedRuns:
-    """Pushes of runs that leave the route: what is drawn shifts, whatever trajectory it leads to
-    (`landing.Pushes`)."""
+    """Pushes of runs: what is drawn shifts, whatever trajectory it leads to (`landing.Pushes`)."""
 
     flight: Flight
     tilt: ProposalShifts
     seed: int
+    histories: HistoryProposal | None = None
+    """Of fixes that have a state; shifts are then by history, instead of `tilt`."""
     kept: dict[tuple[int, ...], dict[int, np.ndarray]] = field(default_factory=dict)
     """`walks` of runs that have flown: the same runs fly several times."""
+    by_run: dict[int, ProposalShifts] = field(default_factory=dict)
+    """`tilts` of runs likewise."""
+
+    def tilts(self, runs: Sequence[int]) -> list[ProposalShifts]:
+        """The shifts of each lane, or one for all."""
+        if self.histories is None:
+            return [self.tilt]
+        for run in set(runs) - self.by_run.keys():
+            self.by_run[run] = self.histories.shifts.of(self.histories.drawn(self.seed, run)[0])
+        return [self.by_run[run] for run in [*runs, *[runs[-1]] * (WIDTH - len(runs))]]
 
     def inputs(self, runs: Sequence[int], inputs: Inputs) -> Inputs:
         """Inputs of runs, shifted."""
-        out = _shifted(self.tilt, inputs, self.components(runs))
+        tilts, shared = self.tilts(runs), self.flight.shared
+        inputs = self._stated(runs, inputs)
+        out = _shifted(tilts, inputs, self.components(runs))
         ways, flown = self.flight.shared.dispersion, inputs.flown
         if ways is None or flown is None:
             return out
+        pushes = self._each(runs)
+
+        def scaled(pushes: np.ndarray, by: list[np.ndarray]) -> np.ndarray:
+            if len(by) == 1:
+                return (pushes @ by[0]).T
+            return np.stack([push @ own for push, own in zip(pushes, by, strict=True)], axis=-1)
+
         # errors that depend on the trajectory are those of the run's own
-        shared, slopes, pushes = self.flight.shared, self.tilt.slopes, self._each(runs)
         increments = [
-            lanes + (own - exact[..., None]) * (triad.scale**2 * pushes @ by_scale(by, exact)).T
+            lanes + (own - exact[..., None]) * scaled(triad.scale**2 * pushes, [by_scale(m, exact) for m in by])
             for triad, lanes, own, exact, by in (
-                (self.flight.gyro, out.dtheta, flown.dtheta, shared.dtheta, slopes.dtheta),
-                (self.flight.accel, out.dv, flown.dv, shared.dv, slopes.dv),
+                (self.flight.gyro, out.dtheta, flown.dtheta, shared.dtheta, [t.slopes.dtheta for t in tilts]),
+                (self.flight.accel, out.dv, flown.dv, shared.dv, [t.slopes.dv for t in tilts]),
             )
         ]
         aided = tuple(lanes.copy() for lanes in inputs.aided)
-        for aid, lanes, exact, by in zip(shared.aids, aided, inputs.aided_exact, slopes.aided, strict=True):
+        for k, (aid, lanes, exact) in enumerate(zip(shared.aids, aided, inputs.aided_exact, strict=True)):
             for lane, push in enumerate(pushes):
-                way = ways.of_run(flown, lane)
+                way, by = ways.of_run(flown, lane), _of_lane(tilts, lane).slopes.aided[k]
                 lanes[..., lane] += of_aid(aid, np.tensordot(push, by, 1)[None], exact[..., lane], way)[0]
         return replace(out, dtheta=increments[0], dv=increments[1], aided=aided)
 
@@ -219,20 +353,44 @@ class PushedRuns:
 
     def components(self, runs: Sequence[int]) -> list[int]:
         """The component of each run."""
-        return [self.tilt.proposal.drawn(self.seed, run) for run in runs]
+        tilts = self.tilts(runs)
+        return [_of_lane(tilts, lane).proposal.drawn(self.seed, run) for lane, run in enumerate(runs)]
 
     def off(self, runs: Sequence[int]) -> np.ndarray:
         """Errors (K, W) of runs to first order, off their means: sums over all that they draw, with its shift."""
         along, ways = self.flight.along_route, self.flight.shared.dispersion
-        assert self.tilt.air is not None
-        assert ways is not None
-        _, off = shift_inputs(along, self.tilt, draw(along, self.seed, runs), self.components(runs))
+        inputs = self._stated(runs, draw(along, self.seed, runs))
+        tilts = self.tilts(runs)
+        moved = deviations(along, _shifted(tilts, inputs, self.components(runs)))
+        if len(tilts) == 1:
+            off = tilts[0].slopes.times(moved)
+        else:
+            each = [tilt.slopes.times([m[..., [k]] for m in moved]) for k, tilt in enumerate(tilts)]
+            off = np.concatenate(each, axis=1)
+        if ways is None or self.tilt.air is None:
+            return off
         return off + self.tilt.air.off(ways.departure(self.seed, runs, WIDTH, shift=self.walks(runs)))
+
+    def log_weights(self, runs: Sequence[int], off: np.ndarray) -> np.ndarray:
+        """Logarithms (W,) of the density of what runs drew over that of what they were drawn from; off: see `off`."""
+        tilts = self.tilts(runs)
+        if self.histories is None:
+            return tilts[0].proposal.log_weights(off)
+        of_histories = np.array([self.histories.drawn(self.seed, run)[1] for run in runs])
+        out = np.concatenate([tilt.proposal.log_weights(off[:, [k]]) for k, tilt in enumerate(tilts)])
+        out[: len(runs)] += of_histories
+        return out
+
+    def _stated(self, runs: Sequence[int], inputs: Inputs) -> Inputs:
+        """Inputs of runs with their own histories of fix states."""
+        if self.histories is None:
+            return inputs
+        histories = [self.histories.drawn(self.seed, run)[0] for run in runs]
+        return replace(inputs, stated=draw_states(self.flight.shared, self.seed, runs, histories))
 
     def _each(self, runs: Sequence[int]) -> np.ndarray:
         """(W, K) pushes of runs; further lanes repeat the last."""
-        own = self.components(runs)
-        return self.tilt.proposal.shifts[[*own, *[own[-1]] * (WIDTH - len(own))]]
+        return _pushes(self.tilts(runs), self.components(runs), WIDTH)
 
 
 def shift_inputs(
@@ -242,30 +400,43 @@ def shift_inputs(
 
     Lanes beyond the components are shifted like the last one. The true values of sensor states do not change.
     """
-    out = _shifted(tilt, inputs, components)
+    out = _shifted([tilt], inputs, components)
     return out, tilt.slopes.times(deviations(flight, out))
 
 
-def _shifted(tilt: ProposalShifts, inputs: Inputs, components: list[int]) -> Inputs:
+def _of_lane(tilts: Sequence[ProposalShifts], lane: int) -> ProposalShifts:
+    """The shifts of a lane, of one each or one for all."""
+    return tilts[lane % len(tilts)]
+
+
+def _pushes(tilts: Sequence[ProposalShifts], components: list[int], lanes: int) -> np.ndarray:
+    """(W, K) pushes of lanes by their components; further lanes repeat the last."""
+    each = [*components, *[components[-1]] * (lanes - len(components))]
+    return np.stack([_of_lane(tilts, lane).proposal.shifts[c] for lane, c in enumerate(each)])
+
+
+def _shifted(tilts: Sequence[ProposalShifts], inputs: Inputs, components: list[int]) -> Inputs:
     """Inputs of runs, each shifted by its component."""
-    lanes = inputs.initial.shape[-1]
-    each = np.array([*components, *[components[-1]] * (lanes - len(components))])
-    pushes = tilt.proposal.shifts[each]
+    pushes = _pushes(tilts, components, inputs.initial.shape[-1])
 
-    def moved(values: np.ndarray, shift: np.ndarray) -> np.ndarray:
-        return values + np.ascontiguousarray(np.einsum("k...,wk->...w", shift, pushes))
+    def moved(values: np.ndarray, shifts: list[np.ndarray]) -> np.ndarray:
+        if len(shifts) == 1:
+            return values + np.ascontiguousarray(np.einsum("k...,wk->...w", shifts[0], pushes))
+        return values + np.stack([np.tensordot(p, s, 1) for p, s in zip(pushes, shifts, strict=True)], axis=-1)
 
-    shifts = tilt.shifts
-    phases = None
-    if inputs.phases is not None and shifts.phases is not None:
-        phases = moved(inputs.phases, shifts.phases)
-    return replace(
+    each = [tilt.shifts for tilt in tilts]
+    ranges, rates = [s.ranges for s in each], [s.rates for s in each]
+    out = replace(
         inputs,
-        initial=moved(inputs.initial, shifts.initial),
-        dtheta=moved(inputs.dtheta, shifts.dtheta),
-        dv=moved(inputs.dv, shifts.dv),
-        ranges=moved(inputs.ranges, shifts.ranges),
-        rates=moved(inputs.rates, shifts.rates),
-        phases=phases,
-        aided=tuple(moved(a, s) for a, s in zip(inputs.aided, shifts.aided, strict=True)),
+        initial=moved(inputs.initial, [s.initial for s in each]),
+        dtheta=moved(inputs.dtheta, [s.dtheta for s in each]),
+        dv=moved(inputs.dv, [s.dv for s in each]),
+        aided=tuple(moved(a, [s.aided[k] for s in each]) for k, a in enumerate(inputs.aided)),
     )
+    if (stated := inputs.stated) is not None:
+        of_fixes = [np.concatenate(both, axis=2) for both in zip(ranges, rates, strict=True)]
+        return replace(out, stated=stated._replace(error=moved(stated.error, of_fixes)))
+    phases = None
+    if inputs.phases is not None and each[0].phases is not None:
+        phases = moved(inputs.phases, [s.phases for s in each if s.phases is not None])
+    return replace(out, ranges=moved(inputs.ranges, ranges), rates=moved(inputs.rates, rates), phases=phases)

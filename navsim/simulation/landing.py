@@ -31,7 +31,7 @@ from navsim.filter.records import (
 )
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
-from navsim.gnss.fix_states import StatedFixes
+from navsim.gnss.fix_states import StatedFixes, StateHistory
 from navsim.gnss.receiver_fixes import ReceiverFixes
 from navsim.integrity import monitoring
 from navsim.integrity.exclusion import NOTHING
@@ -173,10 +173,7 @@ def draw(
         true[PRODUCT] = np.zeros((shared.filter_time.size, len(FIRST), WIDTH))  # outputs add those of the error
     sensors = np.concatenate([true[kind] for kind in (states.GYROS, *kinds)], axis=1)
     clock, sensors = _clock_states(flight, seed, runs, wandered, sensors)
-    stated = None
-    if shared.fix_states is not None:
-        of_states, of_noise = (tuple(generator(seed, run, "fix", *branch) for run in runs) for branch in ((), (1,)))
-        stated = shared.fix_states.drawn(of_states, of_noise, shared.signals.time, WIDTH)
+    stated = draw_states(shared, seed, runs)
     b_values = None
     if flight.station is not None:
         b_values = flight.station.b_values(generators(seed, runs, "lasting", WIDTH, 1))
@@ -197,6 +194,16 @@ def draw(
         noise.initial, dtheta, dv, ranges, rates, phases, aided, aided_exact, clock, sensors, errors.clipped, flown,
         stated, b_values,
     )  # fmt: skip
+
+
+def draw_states(
+    shared: SharedTruth, seed: int, runs: Sequence[int], histories: Sequence[StateHistory] | None = None
+) -> StatedFixes | None:
+    """States of the fixes of runs, None without; histories: see `FixStates.drawn`."""
+    if shared.fix_states is None:
+        return None
+    of_states, of_noise = (tuple(generator(seed, run, "fix", *branch) for run in runs) for branch in ((), (1,)))
+    return shared.fix_states.drawn(of_states, of_noise, shared.signals.time, WIDTH, histories)
 
 
 def _correlated_states(flight: Flight, errors: np.ndarray) -> np.ndarray:

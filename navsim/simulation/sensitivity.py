@@ -21,6 +21,7 @@ from navsim.filter.measurement_kinds import FIX
 from navsim.filter.records import OUTPUT, TIME_TOLERANCE
 from navsim.gnss import dll
 from navsim.gnss.correlated_errors import CorrelatedErrors
+from navsim.gnss.fix_states import StateHistory
 from navsim.gnss.pseudorange import Signals
 from navsim.sensors.imu import Triad
 from navsim.simulation.aiding import Aid
@@ -28,6 +29,7 @@ from navsim.simulation.along_truth import AlongTruth
 from navsim.simulation.flight import Flight
 from navsim.simulation.landing import Inputs
 from navsim.simulation.measurements import CARRIER_SIGMA, expected_measurements
+from navsim.simulation.shared_truth import SharedTruth
 
 
 @dataclass(frozen=True)
@@ -44,13 +46,15 @@ class Slopes:
     dv: np.ndarray
     """(K, n, 3)."""
     ranges: np.ndarray
-    """(K, e, s)."""
+    """(K, e, s); (K, e, 3) by position errors of fixes that have a state."""
     rates: np.ndarray
-    """(K, e, s)."""
+    """(K, e, s); (K, e, 3) likewise, by velocity errors."""
     phases: np.ndarray | None
     """(K, e, s)."""
     aided: tuple[np.ndarray, ...]
     """(K, m, k) of each sensor."""
+    mean: np.ndarray | None = None
+    """(K,) errors to first order where nothing is drawn."""
 
     def members(self) -> list[np.ndarray]:
         """Its arrays."""
@@ -75,7 +79,8 @@ def sensitivity(flight: Flight, along: AlongTruth, weights: np.ndarray) -> Slope
     """
     shared, events, steps, lin = flight.shared, flight.events, along.steps, along.lin
     count, n = weights.shape[0], lin.assumed.shape[1]
-    e, s = shared.signals.range.shape
+    e, s = shared.signals.range.shape[0], along.by_range.shape[2]
+    mean = np.zeros(count)
     c_nb = 0.5 * (shared.truth.c_nb[:-1] + shared.truth.c_nb[1:])
     force = np.einsum("tij,tj->ti", c_nb, shared.dv / np.diff(shared.imu_time)[:, None])
     felt = np.zeros((count, shared.dtheta.shape[0], 6))  # by theta and v, NED, at each sample
@@ -92,6 +97,7 @@ def sensitivity(flight: Flight, along: AlongTruth, weights: np.ndarray) -> Slope
         elif w >= 0 and lin.have[w].any():
             there = np.flatnonzero(lin.have[w])
             by_innovation = here @ lin.gain[w][:, there]
+            mean -= by_innovation @ lin.z[w, there]
             if kind == FIX:
                 ranges[:, row] -= by_innovation @ along.by_range[row, there]
                 rates[:, row] -= by_innovation @ along.by_rate[row, there]
@@ -112,9 +118,13 @@ def sensitivity(flight: Flight, along: AlongTruth, weights: np.ndarray) -> Slope
     dtheta, dv = (-np.einsum("kti,tij->ktj", felt[..., part], c_nb) for part in (slice(3, 6), slice(0, 3)))
     dtheta += turned / (shared.imu_time[1] - shared.imu_time[0])
     phases = None
-    if shared.signals.smoothing is not None:
+    if shared.signals.smoothing is not None and shared.fix_states is None:
         ranges, phases = dll.smoothing_slopes(ranges, shared.signals.smoothing)
-    return Slopes(own[:, : states.SENSORS], dtheta, dv, ranges, rates, phases, tuple(aided.values()))
+    by_initial, fixed, dt = own[:, : states.SENSORS], flight.initial.fixed, shared.imu_time[1] - shared.imu_time[0]
+    mean += 0.0 if fixed is None else by_initial @ fixed
+    for triad, slopes in ((flight.gyro, dtheta), (flight.accel, dv)):
+        mean += dt * slopes.sum(axis=1) @ np.array(triad.fixed_bias or (0.0, 0.0, 0.0))
+    return Slopes(by_initial, dtheta, dv, ranges, rates, phases, tuple(aided.values()), mean)
 
 
 def _spread_over_samples(
@@ -139,13 +149,32 @@ def _spread_over_samples(
     felt[:, first:last] += part[:, None] * between
 
 
-def carried(flight: Flight, slopes: Slopes) -> Slopes:
+def carried(flight: Flight, slopes: Slopes, history: StateHistory | None = None) -> Slopes:
     """The covariance of the inputs times `slopes`: where the inputs most likely are when sums of them with these slopes
-    are off by their variances."""
+    are off by their variances. history: of fixes that have a state."""
     shared, errors, signals = flight.shared, flight.initial, flight.shared.signals
     variance = np.repeat([errors.position**2, errors.velocity**2, errors.attitude**2], 3)
     initial = slopes.initial * (variance if errors.fixed is None else 0.0)
     dt = shared.imu_time[1] - shared.imu_time[0]
+    return Slopes(
+        initial,
+        _of_triad(flight.gyro, slopes.dtheta, shared.dtheta, dt),
+        _of_triad(flight.accel, slopes.dv, shared.dv, dt),
+        *(_of_ranges(signals, slopes) if history is None else of_states(shared, slopes, history)),
+        tuple(of_aid(aid, a) for a, aid in zip(slopes.aided, shared.aids, strict=True)),
+    )
+
+
+def of_states(shared: SharedTruth, slopes: Slopes, history: StateHistory) -> tuple[np.ndarray, np.ndarray, None]:
+    """Covariance of the errors of fixes that have a state times their slopes."""
+    assert shared.fix_states is not None
+    both = np.concatenate([slopes.ranges, slopes.rates], axis=2)
+    out = shared.fix_states.carried(history, shared.signals.time, both)
+    return out[..., :3], out[..., 3:], None
+
+
+def _of_ranges(signals: Signals, slopes: Slopes) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Covariance of the errors of ranges, range rates and carrier phases times their slopes."""
     ranges = slopes.ranges * np.where(signals.used, signals.sigma, 0.0) ** 2
     rates = slopes.rates * np.where(signals.used, signals.rate_sigma, 0.0) ** 2
     phases = None if slopes.phases is None else np.where(signals.used, CARRIER_SIGMA**2 * slopes.phases, 0.0)
@@ -172,15 +201,7 @@ def carried(flight: Flight, slopes: Slopes) -> Slopes:
         delay, faster = _of_clocks(signals, both, slopes.rates)
         ranges, rates = ranges + delay, rates + faster
         phases = None if phases is None else phases + delay
-    return Slopes(
-        initial,
-        _of_triad(flight.gyro, slopes.dtheta, shared.dtheta, dt),
-        _of_triad(flight.accel, slopes.dv, shared.dv, dt),
-        ranges,
-        rates,
-        phases,
-        tuple(of_aid(aid, a) for a, aid in zip(slopes.aided, shared.aids, strict=True)),
-    )
+    return ranges, rates, phases
 
 
 def of_aid(aid: Aid, slopes: np.ndarray, exact: np.ndarray | None = None, way: Any = None) -> np.ndarray:
@@ -278,6 +299,9 @@ def deviations(flight: Flight, inputs: Inputs) -> list[np.ndarray]:
     ]
     of_phases = [] if phases is None or inputs.phases is None else [inputs.phases - phases[..., None]]
     signals = (inputs.ranges - ranges[..., None], inputs.rates - rates[..., None], *of_phases)
+    if (stated := inputs.stated) is not None:
+        off = stated.error - stated.known
+        signals, used = (off[:, :3], off[:, 3:]), np.ones((1, 1, 1), bool)
     return [
         inputs.initial - fixed[:, None],
         *increments,

@@ -184,3 +184,45 @@ def test_steered_runs(runs: int, counted: int) -> None:
         outside = np.abs(pushed.per_run("error")[:, 0]) > limit
         (found, *_), relative, _ = weighted_share(pushed.per_run("log_weight"), outside, 10.0, 10.0)
         assert abs(share - found) < 3.0 * math.hypot(relative * found, math.sqrt(share * (1.0 - share) / counted))
+
+
+STATED = ("receiver.fix_states={}", "imu.rate_hz=50", "receiver.rate_hz=2", "duration_s=61")
+LIMITS = "vertical_m: 1"
+
+
+@pytest.mark.parametrize(
+    ("settings", "runs", "counted"),
+    [
+        (("filter.fix_flag=ignore",), 160, 0),
+        pytest.param((), 1600, 20_000, marks=pytest.mark.long),
+        pytest.param(("approach.guidance=estimate",), 1600, 8000, marks=pytest.mark.long),
+    ],
+)
+def test_fixes_that_have_a_state(settings: tuple[str, ...], runs: int, counted: int) -> None:
+    """First-order errors of pushed runs, weighted, leave the box as often as Gaussian errors of other histories do;
+    the first runs, flown, have them; plain runs count the same."""
+    box = f"{LIMITS}, error: total" if "approach.guidance=estimate" in settings else LIMITS
+    stated, plain = (case(f"box={{{box}}}", f"method={m}", *STATED, *settings) for m in ("rare", "monte-carlo"))
+    edge = rare_events.prepare(stated)
+    assert edge.histories is not None
+    assert edge.tilt.mean == pytest.approx(0.0, abs=0.01)
+    pushes, off, weights = PushedRuns(stated.flight, edge.tilt, 3, edge.histories), [], []
+    for first in range(0, runs, WIDTH):
+        pack = range(first, first + WIDTH)
+        own = pushes.off(pack)
+        weights.append(pushes.log_weights(pack, own))
+        off.append(own + np.stack([tilt.mean for tilt in pushes.tilts(pack)], axis=1))
+    outside = edge.box.beyond(np.concatenate(off, axis=1).T).any(axis=1)
+    (found, *_), relative, _ = weighted_share(np.concatenate(weights), outside, 1.0, 1.0)
+    drawn = [edge.histories.drawn(4, run)[:2] for run in range(runs)]
+    chance = [math.exp(w) * edge.histories.shifts.chances(edge.histories.shifts.of(h)).sum() for h, w in drawn]
+    error = math.hypot(relative * found, float(np.std(chance)) / math.sqrt(runs))
+    assert abs(found - np.mean(chance)) < 3.0 * error
+    assert error < 3.0 * found / math.sqrt(runs)
+    flown = rare_events.fly_all(stated, edge, 3, 0, runs if counted else 4 * WIDTH, threads(1))
+    assert rare_events.not_linear(edge, flown).max() < 0.7
+    if counted:
+        (found, *_), relative, _ = rare_events.probability(edge, flown)
+        share = fly_all(plain, 7, 0, counted, threads(1), keep="none").per_run("at_box")[:, 0]
+        count = float(edge.box.beyond(share).any(axis=1).mean())
+        assert abs(count - found) < 3.0 * math.hypot(relative * found, math.sqrt(count / counted))

@@ -54,6 +54,8 @@ def test_they_are_the_slopes_times_all_that_is_drawn(name: str) -> None:
     first_order = FirstOrder.of(flown.flight)
     found = first_order.errors(flown.flight, inputs, smoothed(flown.shared, inputs.ranges, inputs.phases))[at, :3]
     mean = first_order.mean[at, :3, None]
+    assert slopes.mean is not None
+    assert np.abs(slopes.mean - mean[:, 0]).max() < 1e-6 * max(1.0, float(np.abs(mean).max()))
     expected = mean + slopes.times(deviations(flown.flight, inputs))
     scale = np.sqrt(np.mean((expected - mean) ** 2))
     assert np.abs(found - expected).max() < 2e-3 * scale

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from navsim.compiler.lanes import WIDTH
 from navsim.filter.records import NOT_USED, USED
@@ -47,12 +48,27 @@ def test_shares_of_the_states(within: Within) -> None:
     assert not (states[1:] == states[:-1]).any()
 
 
+def test_histories_that_have_a_state_at_a_time() -> None:
+    """Before and after it the chain is where the exponential of its rates, and Bayes' theorem, say."""
+    found, at, draws = chain(), 25.0, 2000
+    rates = (found.following - np.eye(5)) / found.mean_time[:, None]
+    rng = np.random.default_rng(7)
+    times = np.array([5.0, at, 60.0])
+    histories = [found.unforced(rng, 60.0, WRONG, at) for _ in range(draws)]
+    states = np.array([history.state[history.at(times)] for history in histories])
+    assert (states[:, 1] == WRONG).all()
+    before = found.shares * expm(20.0 * rates)[:, WRONG] / found.shares[WRONG]
+    for column, expected in ((0, before), (2, expm(35.0 * rates)[WRONG])):
+        share = np.bincount(states[:, column], minlength=5) / draws
+        assert np.abs(share - expected).max() < 4.0 * 0.5 / np.sqrt(draws)
+
+
 def test_what_a_receiver_reports() -> None:
     """Wrong fixes are flagged as fixed, flags are late, errors last as long as a state, noise is that of the state."""
     found = chain()
     time = np.arange(0.0, 4000.0, 1.0)
     rngs, white = ((np.random.default_rng(k),) for k in (1, 2))
-    state, flag, error = found.drawn(rngs, white, time, 2)
+    state, flag, error, _ = found.drawn(rngs, white, time, 2)
     np.testing.assert_array_equal(state[:, 0], state[:, 1])
     late = np.concatenate([state[:1, 0], state[:1, 0], state[:-2, 0]])
     np.testing.assert_array_equal(flag[:, 0], np.where(late == WRONG, FIXED, late))
