@@ -196,6 +196,9 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             f"reference={{file: attitude.csv, file_sha256: {_SUM}}}",
             f"heading={{file: headings.csv, file_sha256: {_SUM}, columns: {{heading_deg: Yaw}}, declination_deg: 11.5, "
             "sigma_deg: 3, error_sigma_deg: 5}", "standstill={}", "side_slip={}",
+            "ranges={file: beacon_ranges.csv, sigma_m: 0.1, columns: {source: anchor}, survey_sigma_m: 0.05, "
+            "growth: {sigma_m: 0.1, distance_m: 17}, lever_arm_m: [0, 0, 0.1], latency_s: 0.02}",
+            "sources={positions: [{name: NW, lat_deg: 56.01, lon_deg: 37.01, height_m: 152}]}",
         )),
         ("recorded_flight", (
             "imu.gyro.bias_instability_deg_h=10", "imu.accelerometer.bias_instability_mg=0.3",
@@ -208,6 +211,10 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             f"gnss={{file: flight.obs, navigation: [brdc.rnx.gz], navigation_sha256: [{_SUM}], range_sigma_m: 1, "
             "range_rate_sigma_m_s: 0.1}",
             "filter.coupling=tight",
+        )),
+        ("recorded_flight", (
+            "ranges={file: ranges.csv, sigma_m: 0.1, source_columns: {D0: north}}",
+            "sources={file: beacons.csv, columns: {source: name}}",
         )),
     ),
     "ranges": (
@@ -233,8 +240,9 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
 """Of each kind shipped files and what is set in them, for keys that no shipped file has: every set is a valid file."""
 NO_EXAMPLE = {
     "landing": ("imu.from", "signals.from", "signals.hdop"),
+    "replay": ("sources.positions.N.position_m",),
 }
-"""Keys of a result that has to be there."""
+"""Keys of a result that has to be there, and one that a replay refuses."""
 
 
 def _values(node: Any, key: str) -> Iterator[tuple[str, Any]]:

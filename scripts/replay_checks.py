@@ -206,8 +206,8 @@ def main() -> int:
         "|---|---|---|---|---|",
         *table,
         "",
-        f"navsim refuses {sound.count('refused')} of {GOOD} simulated flights in order; "
-        f"{sound.count('unaligned')} find no alignment.",
+        f"navsim refuses {sound.count('refused')} of {GOOD} simulated flights without mistakes, and cannot align "
+        f"{sound.count('unaligned')}.",
         "",
         "## Predictions",
         "",

@@ -119,6 +119,15 @@ def uav(*settings: str) -> dict[str, list[float]]:
     }
 
 
+def uav_from_its_beginning() -> list[float]:
+    """Drifts after 10 and 30 s, medians and largest, m, and their NEES, if the log is not cut at 150 s."""
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "log.yaml"
+        log.write_text(LOG.format(folder=UAV))
+        found = replayed(log, "start_s=null")
+    return [x for name in ("median", "max", "nees") for x in found[f"/summary/drift_{name}"].tolist()]
+
+
 def car(*settings: str) -> dict[str, list[float]]:
     """The car: standard deviations against its pose reference after ten seconds, and NIS in motion."""
     with tempfile.TemporaryDirectory() as folder:
@@ -186,6 +195,7 @@ def main() -> int:
         return 0
     begun = measured.commit()
     small: Any = measured.kept(("uav",), uav)
+    whole: Any = measured.kept(("uav from its beginning",), uav_from_its_beginning)
     motorway: Any = measured.kept(("car",), car)
     slip: Any = measured.kept(("wheels",), wheels)
     drifts = [listed(np.array(small["drift"])[[i, i + 2]], 1) for i in range(2)]
@@ -200,8 +210,8 @@ def main() -> int:
         "",
         "## A small fixed-wing UAV",
         "",
-        "A flight of 2012 (`fw_thor75`, from 150 s on), replayed by navsim and by an untuned loosely coupled filter of "
-        "15 states:",
+        "A flight of 2012 (`fw_thor75`, `start_s: 150`, outages at 250, 280, ... 490 s), replayed by navsim and by an "
+        "untuned loosely coupled filter of 15 states:",
         "",
         "| | navsim | untuned filter |",
         "|---|---|---|",
@@ -215,6 +225,9 @@ def main() -> int:
         row("drift NEES, 10 s / 30 s", listed(small["nees"], 2), ""),
         "",
         f"- Tuned latency: {small['latency'][0]:.3f} s.",
+        "- From the beginning of the log the tuning finds a likelier maximum (log-likelihood 69 higher) with larger "
+        f"drifts: {listed(np.array(whole)[[0, 2]], 1)} m after 10 s, "
+        f"{listed(np.array(whole)[[1, 3]], 1)} m after 30 s, NEES {listed(whole[4:], 2)}.",
         "- The onboard yaw is wrong by 110° on the ground, as the GNSS course shows.",
         "- In the first 20 s after launch the receiver has 0 to 4 satellites, and navsim aligns the lost filter again: "
         f"{lost}.",

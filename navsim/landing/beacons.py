@@ -191,17 +191,19 @@ def second_order(geometry: BeaconGeometry, of_fix: np.ndarray) -> np.ndarray:
     return np.where(geometry.received, across / (2.0 * distance), np.nan)
 
 
-def curvature_warnings(geometry: BeaconGeometry, of_fix: np.ndarray) -> list[str]:
-    """Warning of ranges that the filter's linearisation falsifies, at epochs with a fix. of_fix: as of
-    `second_order`."""
-    if not geometry.received.any() or geometry.sensor.design.second_order:
+def curvature_warnings(geometry: BeaconGeometry, of_fix: np.ndarray, asked: np.ndarray) -> list[str]:
+    """Warning of ranges that the filter's linearisation falsifies, at the times at which these beacons (e,) int are
+    asked. of_fix: of the fix before, as of `second_order`."""
+    if geometry.sensor.design.second_order:
         return []
     longer, sensor = second_order(geometry, of_fix), geometry.sensor
     distance = np.linalg.norm(geometry.away, axis=2)
     ratio = longer / np.sqrt(sensor.noise_variance(distance))
-    e, n = np.unravel_index(np.nanargmax(ratio), ratio.shape)
-    if not ratio[e, n] > CURVED:
+    each = ratio[np.arange(asked.size), asked]
+    if not (each > CURVED).any():
         return []
+    e = int(np.nanargmax(each))
+    n = asked[e]
     height = -float(geometry.away[e, n, 2])
     return [Note(
         f"beacons: the filter takes ranges of {sensor.names[n]} as linear in the position error, which they are not: "

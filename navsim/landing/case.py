@@ -79,10 +79,14 @@ class Case:
     def _bent_ranges(self) -> list[str]:
         """Warning of beacons whose ranges the filter's linearisation falsifies."""
         signals, errors = self.shared.signals, self.shared.fix_errors
-        if self.beacons is None or not errors.fixed.any():
-            return []
-        of_fix = errors.of_ranges(signals.fix_sigma)[errors.fixed, :3, :3]
-        return curvature_warnings(self.beacons.at(errors.fixed), of_fix)
+        for aid in self.shared.aids:
+            if isinstance(aid.sensor, Beacons):
+                epoch = np.searchsorted(signals.time, aid.time, side="right") - 1
+                times = (epoch >= 0) & errors.fixed[epoch]  # without fixes the filter's sigma is another
+                geometry = beacon_geometry(aid.sensor, self.trajectory, aid.time[times])
+                of_fix = errors.of_ranges(signals.fix_sigma)[epoch[times], :3, :3]
+                return curvature_warnings(geometry, of_fix, aid.sensor.beacon_at(aid.time[times]))
+        return []
 
     @property
     def aided(self) -> bool:

@@ -540,7 +540,7 @@ def _without_fix(
         return []
     time = signals.time[short]
     silent = [
-        f"events[{i}]"
+        f"events[{i}] (silence from {its.begin:g} s on)"
         for i, event in enumerate(scenario.events)
         if event.what == "silence" and ((time >= (its := event.model()).begin) & (time < its.end)).any()
     ]

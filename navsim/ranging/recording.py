@@ -12,7 +12,14 @@ from navsim.formats.conventions import ANGLE_UNITS, TIME_UNITS
 from navsim.formats.tables import TextTable
 from navsim.formats.text import Dropped, FileError, read_lines
 from navsim.geodesy import earth
-from navsim.ranging.scenario import LENGTH_UNITS, RANGE_UNITS, RecordedRanges, ReferenceSection, SourceTable
+from navsim.ranging.scenario import (
+    LENGTH_UNITS,
+    RANGE_UNITS,
+    RangesSection,
+    RecordedRanges,
+    ReferenceSection,
+    SourceTable,
+)
 from navsim.results.findings import several
 from navsim.scenario_files.source import Document, InputError, Problem
 from navsim.statistics.rounding import digits
@@ -68,25 +75,40 @@ class ReferenceTrack:
 
 
 def read_log(scenario: RecordedRanges, document: Document) -> RangeLog:
-    """Read and check ranges and sources. Raises InputError."""
-    sources = _sources(scenario.sources, document)
-    tables = [_ranges(scenario, document, k, sources) for k in range(len(scenario.ranges.file))]
-    time, index, values, sigma, signal = (np.concatenate(part) for part in zip(*tables, strict=True))
+    """Read and check ranges and sources. Raises InputError, also for fewer sources than a position needs."""
     begin = -np.inf if scenario.start_s is None else scenario.start_s
     end = np.inf if scenario.end_s is None else scenario.end_s
+    log = read_ranges(scenario.ranges, scenario.sources, (begin, end), document)
+    fewest, heard = FEWEST_SOURCES[scenario.ranges.measurement], log.sources.names
+    if len(heard) < fewest:
+        raise _refuse(
+            document,
+            "ranges.file",
+            f"ranges of {several(len(heard), 'source')} ({', '.join(heard)}); a position from "
+            f"{scenario.ranges.measurement} ranges needs {fewest} at least. Fewer can aid an IMU in `kind: replay` "
+            "(docs/replay.md), or be simulated along a recorded flight (docs/recorded-path.md)",
+        )
+    return log
+
+
+def read_ranges(ranges: RangesSection, places: SourceTable, span: tuple[float, float], document: Document) -> RangeLog:
+    """Read and check ranges in a span of time, s, and their sources. Raises InputError."""
+    sources = _sources(places, document)
+    tables = [_ranges(ranges, document, k, sources) for k in range(len(ranges.file))]
+    time, index, values, sigma, signal = (np.concatenate(part) for part in zip(*tables, strict=True))
     warnings = []
     backwards = int(np.sum(np.diff(time) < 0.0))
     if backwards > max(1, len(tables) - 1) and backwards > 0.02 * time.size:
         raise _refuse(
             document,
             "ranges.columns",
-            f"{several(backwards, 'time')} of {time.size} in {', '.join(scenario.ranges.file)}"
+            f"{several(backwards, 'time')} of {time.size} in {', '.join(ranges.file)}"
             " run backwards: is another column the time? Name it with `ranges.columns: {t_s: ...}`",
         )
     if backwards:
         warnings.append(f"{several(backwards, 'range')} out of order of time, sorted")
     order = np.argsort(time, kind="stable")
-    order = order[(time[order] >= begin) & (time[order] <= end)]
+    order = order[(time[order] >= span[0]) & (time[order] <= span[1])]
     if not order.size:
         raise _refuse(
             document,
@@ -96,21 +118,12 @@ def read_log(scenario: RecordedRanges, document: Document) -> RangeLog:
     heard = np.unique(index[order])
     silent = [name for i, name in enumerate(sources.names) if i not in heard]
     if silent:
-        of_zeros = ": a column of zeros has none" if scenario.ranges.source_columns else ""
+        of_zeros = ": a column of zeros has none" if ranges.source_columns else ""
         warnings.append(f"no range is from {', '.join(silent)}{of_zeros}")
-    fewest = FEWEST_SOURCES[scenario.ranges.measurement]
-    if heard.size < fewest:
-        raise _refuse(
-            document,
-            "ranges.file",
-            f"ranges of {several(heard.size, 'source')} "
-            f"({', '.join(sources.names[i] for i in heard)}); a position from {scenario.ranges.measurement} ranges "
-            f"needs {fewest} at least. Fewer can be simulated along a recorded flight (docs/recorded-path.md)",
-        )
     kept = np.searchsorted(heard, index[order])
     there = Sources(tuple(sources.names[i] for i in heard), sources.position[heard], sources.origin)
     log = RangeLog(there, time[order], kept, values[order], sigma[order], signal[order], tuple(warnings))
-    _check_ranges(log, scenario, document)
+    _check_ranges(log, ranges, document)
     return log
 
 
@@ -212,10 +225,9 @@ def _source_table(section: SourceTable, document: Document) -> tuple[list[str], 
 
 
 def _ranges(
-    scenario: RecordedRanges, document: Document, number: int, sources: Sources
+    section: RangesSection, document: Document, number: int, sources: Sources
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Time, source, range, sigma and signal of one file."""
-    section = scenario.ranges
     path = document.resolve(("ranges", "file"), section.file[number])
     names = {name: section.columns.get(name, name) for name in ("t_s", "source", "range_m", "sigma_m", "signal_dbm")}
     try:
@@ -257,13 +269,13 @@ def _ranges(
     return time, np.array([index[name] for name in text]), values[:, 1] * factor, values[:, 2] * factor, values[:, 3]
 
 
-def _check_ranges(log: RangeLog, scenario: RecordedRanges, document: Document) -> None:
+def _check_ranges(log: RangeLog, section: RangesSection, document: Document) -> None:
     """Refuse ranges whose unit, sign or columns cannot be right.
 
     Two ranges differ at most by the distance of their sources, and add up to it at least, if the vehicle stands; so do
     their medians nearly.
     """
-    two_way = scenario.ranges.measurement == "two_way"
+    two_way = section.measurement == "two_way"
     middle = np.array([np.median(log.range[log.source == i]) for i in range(len(log.sources.names))])
     if np.abs(middle).max() > LONGEST_RANGE:
         raise _refuse(
@@ -288,7 +300,7 @@ def _check_ranges(log: RangeLog, scenario: RecordedRanges, document: Document) -
     contradiction = _contradiction(log, middle)
     if contradiction is None:
         return
-    unit = str(scenario.ranges.range_unit)
+    unit = str(section.range_unit)
     fitting = [
         other
         for other, factor in sorted(RANGE_UNITS.items(), key=lambda pair: abs(np.log(pair[1] / RANGE_UNITS[unit])))

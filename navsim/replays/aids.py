@@ -1,24 +1,28 @@
-"""Measurements of a recorded flight beside its fixes: headings, rest, and wheels that do not slip sideways.
+"""Measurements of a recorded flight beside its fixes: headings, rest, wheels that do not slip sideways, and ranges of
+beacons.
 
-Source: `docs/theory/ground.md`.
+Sources: `docs/theory/ground.md`, `docs/theory/beacons.md`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from navsim.filter.measurement_kinds import HEADING, REST_RATE, VEHICLE_VELOCITY, VehicleTable
+from navsim.filter.measurement_kinds import BEACON, HEADING, REST_RATE, VEHICLE_VELOCITY, BeaconTable, VehicleTable
 from navsim.filter.states import Block, correlated_single
 from navsim.formats.recorded_data import Fixes, Headings, Samples
 from navsim.geodesy.attitude import dcm_from_rpy
+from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.ranging.recording import RangeLog
 from navsim.scenario_files.base import DEG
+from navsim.sensors.beacons import BeaconErrors
 
 if TYPE_CHECKING:
     from navsim.replays.alignment import Search, Standstill
-    from navsim.replays.scenario import HeadingSection, SideSlip, Standstills
+    from navsim.replays.scenario import BeaconRanges, HeadingSection, SideSlip, Standstills
 
 WINDOW = 1.0
 """Length of the pieces that are tested for rest, s."""
@@ -41,15 +45,21 @@ class RecordedAid:
     """Of `filter.measurement_kinds`."""
     time: np.ndarray
     """(k,) s, increasing."""
-    table: VehicleTable
+    table: VehicleTable | BeaconTable
     of_receiver: bool = False
     """Missing where fixes are withheld."""
 
-    def take(self, keep: np.ndarray, missing: np.ndarray) -> VehicleTable:
-        """Some of the measurements, without the values that are missing (k,)."""
-        value = self.table.value[keep].copy()
-        value[missing[keep]] = np.nan
-        return self.table._replace(value=value, variance=self.table.variance[keep])
+
+def together(aids: list[tuple[RecordedAid, np.ndarray]], missing: list[np.ndarray]) -> VehicleTable | BeaconTable:
+    """Some measurements (k,) int of each of these aids of one kind, one aid after the other, without the values that
+    are missing (k,) bool."""
+    table = aids[0][0].table
+    names = ("range", "beacon") if isinstance(table, BeaconTable) else ("value", "variance")
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(aid.table, name)[keep] for aid, keep in aids]) for name in names
+    }
+    columns[names[0]][np.concatenate(missing)] = np.nan
+    return table._replace(**columns)
 
 
 def antenna_axis(section: HeadingSection) -> np.ndarray:
@@ -170,3 +180,26 @@ def side_slip_blocks(section: SideSlip) -> list[tuple[Block, float]]:
     arm = Block("vehicle_lever_arm", "m", VEHICLE_VELOCITY, of_body=True, first=3)
     sized = ((axes, section.mounting_sigma_deg * DEG), (arm, section.lever_arm_sigma_m))
     return [(block, sigma) for block, sigma in sized if sigma > 0.0]
+
+
+def beacon_errors(section: BeaconRanges) -> BeaconErrors:
+    """Errors of each beacon that last."""
+    grows, distance = (0.0, 1.0) if section.growth is None else (section.growth.sigma_m, section.growth.distance_m)
+    return BeaconErrors(section.bias_sigma_m, 0.0, grows, distance, section.survey_sigma_m)
+
+
+def range_aids(log: RangeLog, section: BeaconRanges) -> list[RecordedAid]:
+    """Ranges, an aid for each beacon; positions of the beacons are geodetic."""
+    origin, enu = log.sources.origin, log.sources.position
+    assert origin is not None
+    position = ecef_from_llh(origin) + (enu[:, [1, 0, 2]] * [1.0, 1.0, -1.0]) @ ned_matrix(origin)
+    like = BeaconTable.none()._replace(
+        position=position, axes=ned_matrix(llh_from_ecef(position)), sigma=section.sigma_m,
+        growth_distance=beacon_errors(section).growth_distance, lever_arm=np.array(section.lever_arm_m),
+    )  # fmt: skip
+    out = []
+    for number, name in enumerate(log.sources.names):
+        its = np.flatnonzero(log.source == number)
+        table = like._replace(range=log.range[its], beacon=np.full(its.size, number))
+        out.append(RecordedAid(f"range of {name}", BEACON, log.time[its] - section.latency_s, table))
+    return out

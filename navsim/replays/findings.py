@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navsim.filter import states
+from navsim.filter.measurement_kinds import BEACON
 from navsim.filter.records import NOT_USED, REJECTED
 from navsim.formats.recorded_data import Fixes, Headings
 from navsim.geodesy.attitude import dcm_from_quaternion
@@ -19,7 +20,7 @@ from navsim.replays.scenario import Outage, Replay
 from navsim.results.findings import Finding
 from navsim.results.notes import CONSISTENT
 from navsim.results.result import Result
-from navsim.runner.findings import DOUBTED, limit, notes, of_flight
+from navsim.runner.findings import DOUBTED, limit, notes, of_flight, rejected_of
 from navsim.scenario_files.base import DEG
 from navsim.statistics.rounding import digits
 
@@ -61,6 +62,10 @@ def findings(
     if recording.scenario.checks != "off":
         out += find_off_course(flight, flown)
     out += of_flight(result, None, withheld | ~flown.flown)
+    for aid, own in zip(flight.aids, flown.aids, strict=True):
+        if aid.kind == BEACON:
+            rejected, weighed = int(np.sum(own.status == REJECTED)), int(np.sum(own.status != NOT_USED))
+            out += rejected_of(aid.name, rejected, weighed, recording.scenario.filter.gate.probability)
     return out + _inconsistent(result) + _tied(result) + failed_prediction(result)
 
 
@@ -225,7 +230,7 @@ def _why_unaligned(scenario: Replay, log: ReadLog, first: float, since: float) -
     ]
     if holes:
         return f"there are {_few(holes)}, and the motion beside does not {heading}"
-    return f"{wanted.longest_s:g} s of motion that begin within do not {heading}"
+    return f"motion that begins then does not {heading} within {wanted.longest_s:g} s"
 
 
 def find_off_course(flight: RecordedFlight, flown: replay.Replayed) -> list[Finding]:

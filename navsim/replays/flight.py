@@ -22,6 +22,7 @@ from navsim.filter.measurement_kinds import (
     FIX,
     MONITOR_ONLY_FIX,
     RANGE,
+    BeaconTable,
     FixTable,
     Measurements,
     RangeTable,
@@ -40,6 +41,7 @@ from navsim.filter.records import (
 from navsim.formats.recorded_data import Ranges
 from navsim.geodesy import earth
 from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
+from navsim.replays.aids import together
 from navsim.replays.alignment import Alignment
 from navsim.replays.flight_tables import noise_of, noise_of_fixes, own_or_usual, start_of, table_of
 from navsim.replays.recorded_flight import PartStart, RecordedFlight
@@ -455,7 +457,7 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float, stops: bool = 
     kind = FILTER_KINDS["map"] if is_smoother(design.kind) and gaps else design.kind
     noise = design.sigma_scale**2 * own_or_usual(flight.covariance[rows], fix_sigma * flight.weight[rows])
     known = valid if is_smoother(kind) else arrival
-    tables: dict[int, FixTable | RangeTable | VehicleTable] = {}
+    tables: dict[int, FixTable | RangeTable | VehicleTable | BeaconTable] = {}
     scales: tuple[int, ...] = ()
     heard = np.zeros((count, 0), bool)
     ranges = given.ranges
@@ -476,11 +478,8 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float, stops: bool = 
     of_aids = []
     for which in dict.fromkeys(aid.kind for aid in flight.aids):
         same = [(aid, keep) for aid, keep in zip(flight.aids, aid_rows, strict=True) if aid.kind == which]
-        parts = [aid.take(keep, aid.of_receiver & within_outages(withheld, arrival, aid.time)) for aid, keep in same]
-        tables[which] = parts[0]._replace(
-            value=np.concatenate([part.value for part in parts]),
-            variance=np.concatenate([part.variance for part in parts]),
-        )  # fmt: skip
+        missing = [aid.of_receiver & within_outages(withheld, arrival, aid.time[keep]) for aid, keep in same]
+        tables[which] = together(same, missing)
         time = np.concatenate([aid.time[keep] for aid, keep in same])
         of_aids.append((which, time, time))
     epoch = np.nonzero(heard)[0]
@@ -496,11 +495,16 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float, stops: bool = 
     def streak_of(history: History) -> tuple[int, int] | None:
         return _contradiction(arrival, *_weighed(history, pairs, table), flight.patience)
 
+    measurements = Measurements.of(tables)
     history = estimate(
         imu,
-        Measurements.of(tables),
+        measurements,
         events,
-        start(*start_of(flight, begin, design, fix_sigma, scales, ranges), model.components, heard.shape[1]),
+        start(
+            *start_of(flight, begin, design, fix_sigma, scales, ranges),
+            model.components,
+            heard.shape[1] + measurements.beacons.position.shape[0],
+        ),
         model,
         (lambda so_far: streak_of(so_far) is not None) if stops else None,
     )

@@ -15,6 +15,8 @@ from navsim.formats.recording import is_nmea, read_attitude, read_fixes, read_he
 from navsim.formats.text import Dropped, FileError
 from navsim.geodesy.magnetic import NoMagneticModel, declination
 from navsim.gnss.timescales import gps_from_utc
+from navsim.ranging import recording
+from navsim.ranging.recording import RangeLog
 from navsim.recording_checks.diagnosis import examine
 from navsim.recording_checks.mistakes import Log, relative_units
 from navsim.replays.aids import antenna_axis
@@ -53,6 +55,7 @@ class ReadLog:
     reference: tuple[np.ndarray, np.ndarray] | None = None
     """Times (r,), s, and roll, pitch, yaw (r, 3), rad, by another system."""
     headings: Headings | None = None
+    beacons: RangeLog | None = None
 
 
 def read(scenario: Replay, document: Document) -> ReadLog:
@@ -82,6 +85,7 @@ def read(scenario: Replay, document: Document) -> ReadLog:
             return read_headings(path, scenario.skip_bad_records, section.columns, section.time_unit)
 
         measured = _read(document, scenario, "heading", headings_of)
+    beacons = _beacons(scenario, document)
     scenario = _pinned(scenario, document)
     warnings, not_judged = _checked(scenario, document, *(table.judged for table in tables))
     for table in tables:
@@ -95,7 +99,21 @@ def read(scenario: Replay, document: Document) -> ReadLog:
     if measured is not None:
         headings = _true_headings(scenario, document, fixes, *measured[:3])
         warnings += measured[3].reasons()
-    return ReadLog(scenario, samples, fixes, ranges, warnings, tuple(not_judged), reference, headings)
+    warnings += () if beacons is None else beacons.warnings
+    return ReadLog(scenario, samples, fixes, ranges, warnings, tuple(not_judged), reference, headings, beacons)
+
+
+def _beacons(scenario: Replay, document: Document) -> RangeLog | None:
+    """Ranges of beacons, if there are any. Raises InputError, also for beacons in local axes."""
+    if scenario.ranges is None or scenario.sources is None:
+        return None
+    end = np.inf if scenario.end_s is None else scenario.end_s
+    log = recording.read_ranges(scenario.ranges, scenario.sources, (-np.inf, end), document)
+    if log.sources.origin is None:
+        key = ("sources", "positions" if scenario.sources.positions else "file")
+        message = "local axes do not say where on Earth a beacon stands; give lat_deg, lon_deg and height_m"
+        raise InputError([Problem(document.place(key), ".".join(key), message)])
+    return log
 
 
 def _true_headings(

@@ -124,7 +124,12 @@ def _aids(result: Result) -> list[Table]:
     for i, name in enumerate(result["/summary/aid"]):
         counts = (cell("{}", int(result[f"/summary/aid_{which}"][i])) for which in ("used", "rejected"))
         out.add(str(name), *counts, *(number(float(nis), 2) for nis in result["/summary/aid_nis"][i]))
-    return [out]
+    if "/summary/beacon" not in result:
+        return [out]
+    biases = Table("Biases of the ranges at the end, m", ("beacon", "bias", "sigma"))
+    for name, *value in zip(*(result[f"/summary/beacon{of}"] for of in ("", "_bias", "_bias_sigma")), strict=True):
+        biases.add(str(name), *(number(float(x), 3) for x in value))
+    return [out, biases]
 
 
 def _compared(result: Result) -> list[Table]:

@@ -20,6 +20,7 @@ from navsim.replays.recorded_flight import RecordedFlight
 from navsim.replays.tuning import ERROR_SIZE, ERROR_TIME, HEADING_RATIO, LATENCY, POSITION_RATIO, VELOCITY_LAG, Tuning
 from navsim.replays.white_noise import standstills, white_noise
 from navsim.results.builder import ResultBuilder
+from navsim.sensors.beacons import Beacons
 from navsim.statistics.importance_sampling import TWO_SIDED
 from navsim.statistics.rounding import digits
 
@@ -73,8 +74,10 @@ def write_innovations(draft: ResultBuilder, flight: RecordedFlight, flown: repla
     draft["/innovations/range_status"] = flown.range_status
 
 
-def write_aids(draft: ResultBuilder, flight: RecordedFlight, flown: replay.Replayed, moving: float) -> None:
-    """Innovations of the measurements beside the fixes, by the motion at the next fix."""
+def write_aids(
+    draft: ResultBuilder, flight: RecordedFlight, flown: replay.Replayed, moving: float, beacons: tuple[str, ...]
+) -> None:
+    """Innovations of the measurements beside the fixes, by the motion at the next fix, and biases of these beacons."""
     if not flight.aids:
         return
     groups = _by_motion(flight, moving)
@@ -94,6 +97,12 @@ def write_aids(draft: ResultBuilder, flight: RecordedFlight, flown: replay.Repla
     for name, status in (("used", USED), ("rejected", REJECTED)):
         draft[f"/summary/aid_{name}"] = np.array([np.sum(own.status == status) for own in flown.aids], dtype=np.int64)
     draft["/summary/aid_nis"] = nis
+    every = list(draft["/filter/state"])
+    if biases := [every.index(state) for name in beacons if (state := f"{Beacons.name}_bias_{name}") in every]:
+        draft["/summary/beacon"] = np.array(beacons, dtype=object)
+        of_states = np.array(biases) - states.SENSORS + states.NAV_SENSORS
+        draft["/summary/beacon_bias"] = flown.navigation[-1, of_states]
+        draft["/summary/beacon_bias_sigma"] = flown.sigma[-1, biases]
 
 
 def _by_motion(flight: RecordedFlight, moving: float) -> dict[str, np.ndarray]:

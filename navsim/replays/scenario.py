@@ -15,6 +15,7 @@ from pydantic.json_schema import SkipJsonSchema
 from navsim.formats import conventions
 from navsim.formats.conventions import GnssConvention, ImuConvention
 from navsim.gnss.constellations.systems import SYSTEMS, USUAL, System
+from navsim.ranging.scenario import Growth, RangesSection, SourceTable
 from navsim.scenario.filter import Components, Coupling, Kind
 from navsim.scenario.imu import Accelerometer, Gyro, filled
 from navsim.scenario.signals import ClockNoise
@@ -382,6 +383,25 @@ class SideSlip(Section):
     """1 sigma of each of them, which the filter then estimates; 0: known"""
 
 
+class BeaconRanges(RangesSection):
+    """Two-way ranges to beacons, which the filter uses beside the fixes, also where these are withheld."""
+
+    measurement: Literal["two_way"] = "two_way"
+    """the vehicle asks and the beacon answers, without a clock"""
+    sigma_m: Sigma
+    """1 sigma of the white noise of a range, of all alike: a column sigma_m is not used"""
+    bias_sigma_m: NonNegative = 0.1
+    """1 sigma of the constant bias of each beacon, which the filter estimates; 0: none"""
+    growth: Growth | None = None
+    """a further state of each beacon: a bias that grows with distance"""
+    survey_sigma_m: NonNegative = 0.0
+    """1 sigma of each beacon's position, each axis, which the filter estimates; 0: known"""
+    lever_arm_m: Triple = (0.0, 0.0, 0.0)
+    """from the IMU to the antenna of the ranges: forward, right, down"""
+    latency_s: RecordedLatency = 0.0
+    """delay from the time a range is valid to its time in the file"""
+
+
 class KnownSection(Section):
     """Known navigation state at a time of the recording: the filter starts there without alignment."""
 
@@ -505,6 +525,10 @@ class Replay(Section):
     """velocity and rotation are zero at rest; {}: with the defaults"""
     side_slip: SideSlip | None = None
     """wheels do not slip sideways; {}: with the defaults"""
+    ranges: BeaconRanges | None = None
+    """ranges to beacons"""
+    sources: SourceTable | None = None
+    """geodetic positions of these beacons"""
     outages: ListOf[Outage] = ()
     """fixes withheld on purpose, to see the drift"""
     reference: ReferenceAttitude | None = None
@@ -523,6 +547,12 @@ class Replay(Section):
             raise reject("must come after alignment.known.time_s", "end_s")
         if self.start_s is not None and self.end_s is not None and self.end_s <= self.start_s:
             raise reject("must come after start_s", "end_s")
+        if (self.ranges is None) != (self.sources is None):
+            missing = "ranges" if self.ranges is None else "sources"
+            raise reject("ranges and the positions of their sources belong together; give both", missing)
+        if self.ranges is not None and self.filter.kind in ("first-estimates", "observability-constrained"):
+            raise reject("it takes each correction by a range for a change of specific force; use another", "filter",
+                         "kind")  # fmt: skip
         if self.filter.coupling == "tight" and not self.gnss.navigation:
             raise reject("fixes are all there is: give RINEX observations and gnss.navigation", "filter", "coupling")
         if self.filter.coupling == "tight" and self.gnss.errors:

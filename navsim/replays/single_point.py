@@ -170,7 +170,8 @@ def _fixes(
         usable = np.isfinite(m.ranges - delay) & np.isfinite(turned[..., 0]) & visible
         position_fix.fixes(
             start, *map(np.ascontiguousarray, (turned, moving, sigma)), np.full((e, s), outliers.RATE_SIGMA), m.clock,
-            np.where(usable, m.ranges - delay, np.nan), m.rates, llh, speed, clocks, covariance,
+            *map(np.ascontiguousarray, (np.where(usable, m.ranges - delay, np.nan), m.rates)),
+            llh, speed, clocks, covariance,
         )  # fmt: skip
         assumed = ecef_from_llh(llh)
         distance, los, azimuth, elevation = _sights(llh, turned)

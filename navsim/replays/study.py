@@ -29,16 +29,19 @@ from navsim.filter.measurement_kinds import FIX, VehicleTable
 from navsim.formats.conventions import FIX_ACCURACIES
 from navsim.formats.recorded_data import Fixes, Headings, Ranges, Samples
 from navsim.geodesy.attitude import dcm_from_rpy, quaternion_from_dcm
+from navsim.ranging.recording import RangeLog
 from navsim.recording_checks.fix_checks import lag_of_velocities
 from navsim.replays import alignment as aligning
 from navsim.replays import flight as replay
 from navsim.replays import recorded_flight
 from navsim.replays.aids import (
     RecordedAid,
+    beacon_errors,
     heading_aid,
     heading_blocks,
     own_noise,
     pieces_at_rest,
+    range_aids,
     rest_aids,
     side_slip_aid,
     side_slip_blocks,
@@ -82,6 +85,7 @@ from navsim.results.schema import REPLAY
 from navsim.runner.attributes import root_attributes
 from navsim.scenario_files.base import DEG, DEG_H, MG
 from navsim.scenario_files.source import Document, InputError, Problem
+from navsim.sensors.beacons import blocks_of
 from navsim.sensors.imu import Triad
 from navsim.simulation.inertial_states import followed
 
@@ -137,6 +141,7 @@ class Recording:
     headings: Headings | None = None
     aids: tuple[RecordedAid, ...] = ()
     """Measurements that no setting changes: all but headings."""
+    beacons: RangeLog | None = None
 
     @property
     def tight(self) -> bool:
@@ -165,6 +170,8 @@ class Recording:
         further = [(block, 1.0) for block in _correlated_blocks(self.errors(settings), self.interval)]
         if self.scenario.side_slip is not None:
             further += side_slip_blocks(self.scenario.side_slip)
+        if self.scenario.ranges is not None and self.beacons is not None:
+            further += blocks_of(self.beacons.sources.names, beacon_errors(self.scenario.ranges))
         if self.scenario.heading is not None and self.headings is not None:
             further += heading_blocks(self.headings, self.scenario.heading, self.interval)
         blocks, sigma = [block for block, _ in further], [sigma for _, sigma in further]
@@ -372,6 +379,8 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     warnings += warn_of_headings(log.headings, aligned.time, float(samples.time[-1]))
     density = gyro.noise_density, accel.noise_density
     aids = _aids(scenario, samples, fixes.earlier(aligned_by), search, density, max(velocity))
+    if scenario.ranges is not None and log.beacons is not None:
+        aids = (*aids, *range_aids(log.beacons, scenario.ranges))
     return Recording(
         scenario,
         samples,
@@ -392,6 +401,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
         log.reference,
         log.headings,
         aids,
+        log.beacons,
     )
 
 
@@ -413,6 +423,7 @@ def _aids(
     out, like = [], VehicleTable.none()
     if scenario.side_slip is not None:
         out.append(side_slip_aid(samples, rests, scenario.side_slip))
+        assert isinstance(out[0].table, VehicleTable)
         like = out[0].table
     if scenario.standstill is not None:
         out += rest_aids(samples, rests, own, scenario.standstill, like)
@@ -584,7 +595,8 @@ def compute(
     write_tuning(draft, recording, tuning)
     write_white_noise(draft, recording)
     write_summary(draft, flight, flown, recording.moving_speed)
-    write_aids(draft, flight, flown, recording.moving_speed)
+    beacons = () if recording.beacons is None else recording.beacons.sources.names
+    write_aids(draft, flight, flown, recording.moving_speed, beacons)
     write_more(draft)
     alignment = recording.alignment
     out = draft.result(

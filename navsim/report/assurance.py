@@ -253,10 +253,13 @@ UNCHECKED: Mapping[str, Callable[[Mapping[str, Any], Result], bool]] = {
     ),
     "rare events of landings with nonlinear errors": lambda _, result: result.attributes.get("method") == "rare",
     "control variates": lambda _, result: f"{BRANCH}/rms/horizontal" in result,
-    "the sum of several Gaussians": lambda scenario, result: (
+    "the sum of several Gaussians, held axes of biases": lambda scenario, result: (
         result.attributes.get("method") != "covariance"
         and filtered(scenario, result.attributes)
         and at(scenario, "filter", "kind") == "gaussian-sum"
+    ),
+    "filter states for time-correlated ranging errors, and their inflation": lambda scenario, result: (
+        filtered(scenario, result.attributes) and _is_set(at(scenario, "signals", "errors"))
     ),
     "steering by the estimate": lambda scenario, _: at(scenario, "approach", "guidance") == "estimate",
 }

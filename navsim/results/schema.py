@@ -145,7 +145,8 @@ _CORRELATED = f"{_LOOSE} with states of lasting errors"
 _TRANSMITTERS = "with states for errors of pseudolites"
 _REFERENCE = "with `reference`"
 _BET = "with `--bet`"
-_HEADING, _AIDED = "with `heading`", "with `heading`, `standstill` or `side_slip`"
+_HEADING, _AIDED = "with `heading`", "with `heading`, `standstill`, `side_slip` or `ranges`"
+_RANGED = "with `ranges`"
 _LOOSE_REPLAY, _TIGHT_REPLAY = "of a loosely coupled filter", "of a tightly coupled filter"
 _DOPS = ("gdop", "pdop", "hdop", "vdop", "tdop")
 RMS_WINDOW = 20.0
@@ -1034,6 +1035,9 @@ _REPLAY = Chapter(
         _a("/summary/aid_rejected", "aid", "1", "number of those that the gate rejected", REPLAY, WHOLE, when=_AIDED),
         _a("/summary/aid_nis", "aid motion", "1", "normalised innovation squared per degree of freedom, by the motion "
            "at the next fix", REPLAY, when=_AIDED),
+        _a("/summary/beacon", "beacon", "1", "names of the beacons", REPLAY, TEXT, when=_RANGED),
+        _a("/summary/beacon_bias", "beacon", "m", "constant bias of the ranges at the end", REPLAY, when=_RANGED),
+        _a("/summary/beacon_bias_sigma", "beacon", "m", "1 sigma of it", REPLAY, when=_RANGED),
         _a("/lost/span", "span", "1", "number of the time at which the output is unusable", REPLAY, WHOLE),
         _a("/lost/start", "span", "s", "when the filter was lost", REPLAY),
         _a("/lost/end", "span", "s", "time of the restart, or end of the flight", REPLAY),

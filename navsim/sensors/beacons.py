@@ -13,7 +13,7 @@ Source: `docs/theory/beacons.md`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -364,11 +364,11 @@ class Beacons(AidingSensor):
     def followed(self) -> tuple[int, ...]:
         """The errors that the filter estimates."""
         clock = [] if self.design.clock is None else [len(self.errors) - 1]
-        return (*(k for k, _, _ in self._states()), *clock)
+        return (*(block.first for block, _ in blocks_of(self.names, self.design.errors)), *clock)
 
     def states(self, step: float) -> tuple[tuple[Block, float], ...]:
         """States for these errors, m."""
-        out = [(Block(name, "m", BEACON, first=k, size=1), sigma) for k, name, sigma in self._states()]
+        out = list(blocks_of(self.names, self.design.errors))
         if (clock := self.design.clock) is not None:
             model, first = TransmitterClockModel(*clock.density, 0.0), BEACON_STATES * len(self.names)
             out.append((Block(f"{self.name}_clock", "m", BEACON, first=first, size=1, clock=model), clock.offset))
@@ -378,12 +378,14 @@ class Beacons(AidingSensor):
             out += [(Block(name, "m2", PRODUCT, first=k, size=1), 1.0) for k, name in enumerate(each)]
         return tuple(out)
 
-    def _states(self) -> Iterator[tuple[int, str, float]]:
-        """Number, name and 1 sigma of each error that the filter estimates."""
-        for number, beacon in enumerate(self.names):
-            for k, sigma in enumerate(self.design.errors.sigma):
-                if sigma > 0.0:
-                    yield BEACON_STATES * number + k, f"{self.name}_{_STATES[k]}_{beacon}{_AXES[k]}", sigma
+
+def blocks_of(names: Sequence[str], errors: BeaconErrors) -> Iterator[tuple[Block, float]]:
+    """The state of each error of these beacons that a filter estimates, and its 1 sigma, m."""
+    for number, beacon in enumerate(names):
+        for k, sigma in enumerate(errors.sigma):
+            if sigma > 0.0:
+                name = f"{Beacons.name}_{_STATES[k]}_{beacon}{_AXES[k]}"
+                yield Block(name, "m", BEACON, first=BEACON_STATES * number + k, size=1), sigma
 
 
 def largest_range(radiated: float, gain: float, sensitivity: float, carrier: float) -> float:

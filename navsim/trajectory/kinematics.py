@@ -10,6 +10,8 @@ Atmospheric Flight (1972), section 4.2 (wind axes).
 
 from __future__ import annotations
 
+import functools
+import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -229,8 +231,18 @@ class Trajectory:
         return self.motion(t).llh
 
     def increments(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See `integrate`."""
-        return integrate(self.motion, np.concatenate([self.path.knots, self.wind.knots]), t)
+        """See `integrate`. Read-only: studies vary settings more often than the trajectory, so the last are kept."""
+        return _increments(pickle.dumps((self, t)))
+
+
+@functools.lru_cache(maxsize=2)
+def _increments(pickled: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Increments of a trajectory and times, by their content."""
+    trajectory, t = pickle.loads(pickled)
+    sums = integrate(trajectory.motion, np.concatenate([trajectory.path.knots, trajectory.wind.knots]), t)
+    for each in sums:
+        each.flags.writeable = False
+    return sums
 
 
 def assembled(

@@ -129,7 +129,7 @@ ARM = (2.0, 0.5, -1.0)
 TURN = ("duration_s=30", "receiver.rate_hz=10", "filter.velocity=true")
 WELL_ALIGNED = Case("landing", LANDING, attitude_deg=0.5, drift_deg_h=50.0)
 """A sum of Gaussians has one component, and charts are alike."""
-JUDGE = "another error-state filter in ECEF axes after Groves (2013), in numpy"
+JUDGE = "independent script: an error-state filter in ECEF axes after Groves (2013), in numpy"
 WHAT = "of a sigma, all states at all outputs"
 
 

@@ -452,6 +452,12 @@ def test_curved_ranges_are_warned_of() -> None:
     assert "of B1" in said
     (kind,) = (f for f in covariance_findings(of, covariance_analysis(of)) if f.text == said)
     assert (kind.name, kind.against) == ("sigma_with_beacons", ("consistent",))
+    later = sites.replace("1000", "925").replace("100}", "95}")
+    rare = case(*BRIEF, section("bias_sigma_m: 0.2", sites=later), "receiver.rate_hz=0.1")
+    (passed,) = (text for text in rare.warnings if "as linear in the position error" in text)
+    assert rare.beacons is not None
+    distance = np.linalg.norm(rare.beacons.away[:, 0], axis=1)
+    assert float(re.findall(r"at ([\d.]+) m", passed)[0]) < 0.85 * distance.min(), "between two fixes, 10 s apart"
     least = re.search(r"filter.beacons.sigma_m to ([\d.]+)", said)
     assert least
     more = case(*BRIEF, section("bias_sigma_m: 0.2", sites=sites),

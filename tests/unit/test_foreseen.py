@@ -119,7 +119,7 @@ SILENCE = "events=[{what: silence, sources: [all], at_s: 5, until_s: 9}]"
         (["receiver.rate_hz=0.01"], "the filter never gets a fix; give a higher rate"),
         (["sky.mask_deg=89.9", "pseudolites.count=0"], "no source is received. A fix needs four"),
         (["sky.mask_deg=89.9", "pseudolites.count=0"], "; lower sky.mask_deg, or add"),
-        ([SILENCE], "without events[0] there are enough at 40 of these epochs"),
+        ([SILENCE], "without events[0] (silence from 5 s on) there are enough at 40 of these epochs"),
         ([SILENCE, "sky.mask_deg=89.9"], "lower sky.mask_deg, or add"),
         ([SILENCE, "filter.coupling=tight", "sky.mask_deg=50"], "no range at 40 of 100 fix epochs"),
     ],
