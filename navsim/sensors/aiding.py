@@ -11,6 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -166,13 +167,18 @@ def drawn_process(time: np.ndarray, sigma: float, correlation: float, draw: np.r
     """A stationary Gauss-Markov process (m,) of a run at ascending times (m,), s."""
     if math.isinf(correlation):
         return np.full(time.size, sigma * draw.standard_normal())
-    kept = np.exp(-np.diff(time) / correlation)
-    new = sigma * draw.standard_normal(time.size)
-    value = np.empty(time.size)
-    value[:1] = new[:1]
-    for i, share in enumerate(kept):
-        value[i + 1] = share * value[i] + np.sqrt(1.0 - share**2) * new[i + 1]
-    return value
+    new = (sigma * draw.standard_normal(time.size)).tolist()
+    out = new[:1]
+    for (kept, added), one in zip(_steps(time.tobytes(), correlation), new[1:], strict=True):
+        out.append(kept * out[-1] + added * one)
+    return np.array(out)
+
+
+@lru_cache(maxsize=16)
+def _steps(time: bytes, correlation: float) -> list[tuple[float, float]]:
+    """What a process keeps of its value over each step between times, s, and what its noise of 1 sigma adds."""
+    kept = np.exp(-np.diff(np.frombuffer(time)) / correlation)
+    return [(float(share), float(np.sqrt(1.0 - share**2))) for share in kept]
 
 
 def between(
@@ -181,17 +187,37 @@ def between(
     """The process of `drawn_process` at other ascending times (o,), s, given its values (m,) at times (m,), s."""
     if math.isinf(correlation):
         return np.full(at.size, value[0])
-    out, before = np.empty(at.size), -np.inf
-    last = 0.0
-    for i, (t, k) in enumerate(zip(at, np.searchsorted(time, at), strict=True)):
-        if k and time[k - 1] >= before:
-            before, last = time[k - 1], value[k - 1]
-        after, later = (time[k], value[k]) if k < time.size else (np.inf, 0.0)
+    values, out, last = [*value.tolist(), 0.0], [], 0.0
+    weights = _weights(at.tobytes(), time.tobytes(), correlation)
+    normals = iter(draw.standard_normal(sum(each is not None for *_, each in weights)).tolist())
+    for before, after, weight in weights:
+        last = last if before is None else values[before]
+        if weight is not None:
+            of_last, of_later, both, spread = weight
+            last = (of_last * last + of_later * values[after]) / both + sigma * spread * next(normals)
+        out.append(last)
+    return np.array(out)
+
+
+Weight = tuple[float, float, float, float]
+
+
+@lru_cache(maxsize=16)
+def _weights(at: bytes, time: bytes, correlation: float) -> list[tuple[int | None, int, Weight | None]]:
+    """For each time of `between`: the known value that comes last before it, None if its own one before does; the next
+    known value, behind the last one 0; weights of both, their divisor, spread per sigma; None where it is known."""
+    out: list[tuple[int | None, int, Weight | None]] = []
+    previous, known = -np.inf, np.frombuffer(time)
+    times = np.frombuffer(at)
+    for t, k in zip(times, np.searchsorted(known, times).tolist(), strict=True):
+        newer = k > 0 and known[k - 1] >= previous
+        before, after = known[k - 1] if newer else previous, known[k] if k < known.size else np.inf
         kept, left = np.exp(-(t - before) / correlation), np.exp(-(after - t) / correlation)
-        both = 1.0 - (kept * left) ** 2
+        both, weight = 1.0 - (kept * left) ** 2, None
         if both > 0.0:
-            mean = (kept * (1.0 - left**2) * last + left * (1.0 - kept**2) * later) / both
-            spread = sigma * np.sqrt((1.0 - kept**2) * (1.0 - left**2) / both)
-            last = mean + spread * float(draw.standard_normal())
-        before, out[i] = t, last
+            spread = np.sqrt((1.0 - kept**2) * (1.0 - left**2) / both)
+            each = kept * (1.0 - left**2), left * (1.0 - kept**2), both, spread
+            weight = float(each[0]), float(each[1]), float(each[2]), float(each[3])
+        out.append((k - 1 if newer else None, k, weight))
+        previous = t
     return out

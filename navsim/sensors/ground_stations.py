@@ -15,6 +15,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -51,6 +52,15 @@ class StationDesign:
     latency: float
     lever_arm: np.ndarray
     errors: StationErrors
+
+
+@lru_cache(maxsize=64)
+def _llh(origin: bytes, axes: bytes, along: float, right: float, height: float) -> np.ndarray:
+    """Position (3,), rad, rad, m, of a place in a frame, by the bytes of its origin and axes; each run asks for it."""
+    turned = np.frombuffer(axes).reshape(3, 3) @ np.array([along, right, 0.0])
+    out = llh_from_ecef(np.frombuffer(origin) + turned)
+    out[2] = height
+    return out
 
 
 @dataclass(frozen=True)
@@ -91,9 +101,9 @@ class GroundStation(AidingSensor):
     def llh(self, frame: Frame) -> np.ndarray:
         """Position (3,), rad, rad, m."""
         along, right, above = self.place
-        out = llh_from_ecef(frame.origin + frame.axes @ np.array([along - self.aim_point, right, 0.0]))
-        out[2] = self.height + above
-        return out
+        return _llh(
+            frame.origin.tobytes(), frame.axes.tobytes(), along - self.aim_point, right, self.height + above
+        ).copy()
 
     def geometry(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Angles or ranges (m,), rad or m, also outside the limits; where (m,) the aircraft is on the radiated side."""
@@ -109,8 +119,7 @@ class GroundStation(AidingSensor):
     def hidden(self, flight: Moving, time: np.ndarray) -> np.ndarray:
         """Where (m,) terrain is between the antennas."""
         frame = flight.frame
-        threshold = llh_from_ecef(frame.origin - self.aim_point * frame.axes[:, 0])
-        threshold[2] = self.height
+        threshold = _llh(frame.origin.tobytes(), frame.axes.tobytes(), -self.aim_point, 0.0, self.height)
         if not (terrain := self.terrain(threshold)):
             return np.zeros(time.size, bool)
         antenna = antenna_ecef(flight.motion(time), self.lever_arm)

@@ -8,6 +8,7 @@ variances). [2] Titterton & Weston (2004), section 12.5 (datasheet units).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -128,6 +129,22 @@ class ImuDraws:
         begin = sum(3 * (triad.markov > 0.0) for triad in (gyro, accel))
         white = sum(3 * (triad.noise_density > 0.0) for triad in (gyro, accel))
         return cls(rngs[:count], constant, scale, normals(rngs[:count], begin + intervals * (white + begin)))
+
+    def lane(self, i: int) -> ImuDraws:
+        """Copy of one lane."""
+        own = slice(i, i + 1)
+        return ImuDraws(
+            self.rngs[own], self.constant[:, own].copy(), self.scale[:, own].copy(), self.normals[own].copy()
+        )
+
+    @classmethod
+    def of_lanes(cls, each: Sequence[ImuDraws], lanes: int) -> ImuDraws:
+        """Draws of one lane in the first of so many; nothing is drawn for further lanes."""
+        rest = np.zeros((6, lanes - len(each)))
+        constant, scale = (
+            np.concatenate([*(getattr(one, name) for one in each), rest], axis=1) for name in ("constant", "scale")
+        )
+        return cls(tuple(one.rngs[0] for one in each), constant, scale, np.concatenate([one.normals for one in each]))
 
 
 def simulate(

@@ -45,29 +45,39 @@ class Aid:
         """Measurements without errors (m, k) on the trajectory of a run, None for the route."""
         return self.exact if flight is None else self.sensor.noise_free(flight, self.time)
 
-    def measured(self, seed: int, run: int, flight: Any = None, exact: np.ndarray | None = None) -> np.ndarray:
-        """Measurements in a run (m, k); flight: its trajectory, None for the route; exact: from `exact_on`."""
+    def drawn(self, seed: int, run: int) -> list[np.ndarray]:
+        """Each time-correlated error (c, m) in a run."""
+        draw = generator(seed, run, "aids", self.sensor.kind)
+        draw.standard_normal(self.exact.shape)  # that of its noise, which comes first
+        return self.sensor.drawn_errors(self.time, draw)
+
+    def measured(
+        self, seed: int, run: int, flight: Any = None, exact: np.ndarray | None = None,
+        drawn: Sequence[np.ndarray] | None = None,
+    ) -> np.ndarray:  # fmt: skip
+        """Measurements in a run (m, k).
+
+        flight: its trajectory, None for the route. exact: from `exact_on`. drawn: from `drawn`.
+        """
         exact = self.exact_on(flight) if exact is None else exact
+        drawn = self.drawn(seed, run) if drawn is None else drawn
         sigma = self.sensor.noise_sigma(exact)
         effects = self.effects if flight is None else self.sensor.effects(flight, self.time)
         draw = generator(seed, run, "aids", self.sensor.kind)
         measured: np.ndarray = exact + sigma * draw.standard_normal(exact.shape)
         if not effects:
             return self.sensor.spoiled(measured, draw)
-        drawn = self.sensor.drawn_errors(self.time, draw)
         added = [np.einsum("mkc,cm->mk", effect, error) for effect, error in zip(effects, drawn, strict=True)]
         if self.sensor.clock is not None:
             added.append(self.sensor.drawn_clock(self.time, draw)[0, :, None])
         return self.sensor.spoiled(measured + np.sum(added, axis=0), draw)
 
-    def true_states(self, seed: int, run: int, at: np.ndarray) -> np.ndarray:
-        """True values (o, j) of the filter's states of its errors in a run, at times (o,), s."""
+    def true_states(self, seed: int, run: int, at: np.ndarray, drawn: Sequence[np.ndarray]) -> np.ndarray:
+        """True values (o, j) of the filter's states of its errors in a run, at times (o,), s; drawn: from `drawn`."""
         sensor = self.sensor
         if not sensor.followed:
             return np.empty((at.size, 0))
         draw = generator(seed, run, "aids", sensor.kind)
-        draw.standard_normal(self.exact.shape)  # that of its noise, which comes first
-        drawn = sensor.drawn_errors(self.time, draw)
         there = sensor.errors_between(at, self.time, drawn, branch(draw, 0))
         mean = sensor.mean_errors
         out = sensor.state_scale * np.concatenate([mean[i] + there[i] for i in sensor.followed]).T

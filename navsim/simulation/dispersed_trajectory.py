@@ -49,6 +49,8 @@ class RunTrajectory:
     departure: PathDeviation
     """Of all lanes."""
     lane: int
+    kept: dict[bytes, Motion] = field(default_factory=dict)
+    """`motion` by its times, which sensors share."""
 
     @property
     def frame(self) -> Frame:
@@ -57,8 +59,11 @@ class RunTrajectory:
 
     def motion(self, t: np.ndarray) -> Motion:
         """Motion at the times t (n,), s."""
-        way, turn = (m[..., self.lane, None] for m in self.departure.at(t))
-        return deviated(self.route.motion(t), self.frame, way, turn)
+        key = t.tobytes()
+        if key not in self.kept:
+            way, turn = (m[..., self.lane, None] for m in self.departure.at(t))
+            self.kept[key] = deviated(self.route.motion(t), self.frame, way, turn)
+        return self.kept[key]
 
     def llh(self, t: np.ndarray) -> np.ndarray:
         """Positions at the times t (n,), s: (n, 3) rad, rad, m."""
@@ -209,30 +214,30 @@ class Dispersion:
         return out
 
     def departure(
-        self,
-        seed: int,
-        runs: Sequence[int],
-        lanes: int,
-        known: GuidanceErrors | None = None,
-        begin: np.ndarray | None = None,
-        shift: dict[int, np.ndarray] | None = None,
+        self, seed: int, runs: Sequence[int], lanes: int, shift: dict[int, np.ndarray] | None = None
     ) -> PathDeviation:
-        """Deviations of the runs from the route, in the first of so many lanes; further lanes repeat the last run.
-
-        known: errors of the estimates that steer, None before they are known. begin: (W,) when they begin a go-around,
-        s, inf for none; None before it is known. shift: see `Disturbance.drawn`.
-        """
+        """Deviations of the runs from the route without guidance or go-around, in the first of so many lanes; further
+        lanes repeat the last run. shift: see `Disturbance.drawn`."""
         others = lanes - len(runs)
         rngs = {}
         for number in self.disturbance.walks:
             own = [generator(seed, run, "air", number) for run in runs]
             rngs[number] = (*own, *(own[-1] for _ in range(others)))
-        departure = self.disturbance.drawn(rngs, len(runs), lanes, known, shift)
+        return _repeated(self.disturbance.drawn(rngs, len(runs), lanes, shift), len(runs))
+
+    def commanded(
+        self, departure: PathDeviation, count: int, known: GuidanceErrors | None = None, begin: np.ndarray | None = None
+    ) -> PathDeviation:
+        """Deviations of so many runs from the route, by those without guidance or go-around; further lanes repeat the
+        last run.
+
+        known: errors of the estimates that steer, None before they are known. begin: (W,) when they begin a go-around,
+        s, inf for none; None before it is known.
+        """
+        departure = self.disturbance.guided(departure, known)
         if begin is not None:
             departure = self.end.broken_off(departure, begin)
-        for each in (departure.way, departure.turn, departure.gust):
-            each[..., len(runs) :] = each[..., len(runs) - 1 : len(runs)]
-        return departure
+        return _repeated(departure, count)
 
     def flown(self, departure: PathDeviation) -> DispersedTrajectories:
         """Trajectories of runs with these deviations."""
@@ -280,6 +285,13 @@ class Dispersion:
         old, faster = np.empty((e, s)), np.empty((e, s))
         ranges_from(self.sources, signals.velocity, signals.antenna, signals.antenna_velocity, old, faster)
         return ranges + (signals.range - old)[..., None], rates + (signals.range_rate - faster)[..., None]
+
+
+def _repeated(departure: PathDeviation, count: int) -> PathDeviation:
+    """Deviations of so many runs; further lanes repeat the last."""
+    for each in (departure.way, departure.turn, departure.gust):
+        each[..., count:] = each[..., count - 1 : count]
+    return departure
 
 
 def _without_first(motion: Motion, lanes: int) -> Motion:

@@ -39,7 +39,6 @@ from navsim.integrity.gbas_station import HISTORY
 from navsim.sensors import imu
 from navsim.sensors.beacons import Beacons
 from navsim.sensors.ground_stations import GroundStation
-from navsim.simulation.aiding import Aid
 from navsim.simulation.dispersed_trajectory import DispersedTrajectories
 from navsim.simulation.filter_exclusion import after_exclusion
 from navsim.simulation.flight import (
@@ -73,7 +72,6 @@ from navsim.simulation.run import MonitorOutput, Run
 from navsim.simulation.shared_truth import SharedTruth
 from navsim.statistics.random_streams import generator
 from navsim.trajectory.dispersion import PathDeviation
-from navsim.trajectory.guidance import GuidanceErrors
 
 
 @dataclass(frozen=True)
@@ -121,10 +119,14 @@ class Noise:
     """(r, e, s, 2) see `statistics.noise.measure`."""
     aids: dict[int, np.ndarray]
     """True values of the filter's states for errors of sensors beside the receiver, by their kind: `_states_of_aid`."""
+    of_aids: tuple[list[list[np.ndarray]], ...]
+    """Time-correlated errors of each sensor beside the receiver, for each run: `Aid.drawn`."""
+    departure: PathDeviation | None
+    """Deviations from the route without guidance or go-around; None if all fly the route."""
 
     @classmethod
-    def of(cls, flight: Flight, seed: int, runs: Sequence[int]) -> Noise:
-        """Those of runs. Raises ValueError for more than WIDTH."""
+    def of(cls, flight: Flight, seed: int, runs: Sequence[int], pushes: Pushes | None = None) -> Noise:
+        """Those of runs, with pushes of their trajectories. Raises ValueError for more than WIDTH."""
         if not 0 < len(runs) <= WIDTH:
             raise ValueError(f"1 to {WIDTH} runs can fly at once, not {len(runs)}")
         initial, shared = np.empty((states.SENSORS, WIDTH)), flight.shared
@@ -132,8 +134,35 @@ class Noise:
             initial[:, lane] = initial_errors(flight, seed, run)
         of_imu, intervals = generators(seed, runs, "imu", WIDTH), len(shared.dtheta)
         sensors = imu.ImuDraws.of(of_imu, len(runs), intervals, flight.gyro, flight.accel)
-        aids = {aid.sensor.kind: _states_of_aid(aid, shared, seed, runs) for aid in shared.aids}
-        return cls(initial, sensors, range_noise(shared, seed, runs), aids)
+        of_aids = tuple([aid.drawn(seed, run) for aid in shared.aids] for run in runs)
+        aids = {aid.sensor.kind: _states_of_aid(flight, k, seed, runs, of_aids) for k, aid in enumerate(shared.aids)}
+        departure = None
+        if shared.dispersion is not None:
+            shift = None if pushes is None else pushes.walks(runs)
+            departure = shared.dispersion.departure(seed, runs, WIDTH, shift)
+        return cls(initial, sensors, range_noise(shared, seed, runs), aids, of_aids, departure)
+
+    def lane(self, i: int) -> Noise:
+        """Copy of one lane."""
+        aids = {kind: values[..., i : i + 1].copy() for kind, values in self.aids.items()}
+        initial, departure = self.initial[:, i : i + 1].copy(), self.departure and self.departure.lane(i)
+        ranges = self.ranges[i : i + 1].copy()
+        return Noise(initial, self.sensors.lane(i), ranges, aids, self.of_aids[i : i + 1], departure)
+
+    @classmethod
+    def of_lanes(cls, each: Sequence[Noise]) -> Noise:
+        """Draws of one lane in the first lanes; further lanes repeat the last."""
+        every = [*each, *[each[-1]] * (WIDTH - len(each))]
+        aids = {kind: np.concatenate([one.aids[kind] for one in every], axis=-1) for kind in each[0].aids}
+        departures = [one.departure for one in each if one.departure is not None]
+        return cls(
+            np.concatenate([one.initial for one in every], axis=1),
+            imu.ImuDraws.of_lanes([one.sensors for one in each], WIDTH),
+            np.concatenate([one.ranges for one in each]),
+            aids,
+            tuple(one.of_aids[0] for one in each),
+            PathDeviation.of_lanes(departures, WIDTH) if departures else None,
+        )
 
 
 def draw(
@@ -141,21 +170,22 @@ def draw(
 ) -> Inputs:
     """Inputs of at most WIDTH landings, numbered `runs`, of the ensemble of `seed`; further lanes repeat the last one.
 
-    departure: their deviations from the route where these depend on what they measure; None: nothing is measured yet.
+    departure: their deviations from the route where these depend on what they measure; None: those of their noise.
     noise: of these runs if it is known. Raises ValueError for more.
     """
     noise = Noise.of(flight, seed, runs) if noise is None else noise
     shared, design = flight.shared, flight.design
     flown = None
     if shared.dispersion is not None:
-        departure = shared.dispersion.departure(seed, runs, WIDTH) if departure is None else departure
+        departure = noise.departure if departure is None else departure
+        assert departure is not None
         flown = shared.dispersion.flown(departure)
     aided, aided_exact = (tuple(np.empty((*aid.exact.shape, WIDTH)) for aid in shared.aids) for _ in range(2))
     for lane, run in enumerate(runs if aided else ()):
         way = None if shared.dispersion is None or flown is None else shared.dispersion.of_run(flown, lane)
-        for aid, of_aid, exact_of_aid in zip(shared.aids, aided, aided_exact, strict=True):
-            exact_of_aid[..., lane] = aid.exact_on(way)
-            of_aid[..., lane] = aid.measured(seed, run, way, exact_of_aid[..., lane])
+        for k, aid in enumerate(shared.aids):
+            flawless = aided_exact[k][..., lane] = aid.exact_on(way)
+            aided[k][..., lane] = aid.measured(seed, run, way, flawless, noise.of_aids[lane][k])
     dt = shared.imu_time[1] - shared.imu_time[0]
     exact = (shared.dtheta, shared.dv) if flown is None else (flown.dtheta, flown.dv)
     dtheta, dv, errors = imu.simulate_lanes(noise.sensors, *exact, dt, flight.gyro, flight.accel, shared.filter_index)
@@ -232,12 +262,15 @@ def _correlated_states(flight: Flight, errors: np.ndarray) -> np.ndarray:
     return out
 
 
-def _states_of_aid(aid: Aid, shared: SharedTruth, seed: int, runs: Sequence[int]) -> np.ndarray:
-    """True values (o, k, W) of the filter's states for the errors of a sensor, at its outputs."""
+def _states_of_aid(
+    flight: Flight, k: int, seed: int, runs: Sequence[int], of_aids: Sequence[Sequence[Sequence[np.ndarray]]]
+) -> np.ndarray:
+    """True values (o, k, W) of the filter's states for the errors of sensor k, at its outputs; of_aids: see `Noise`."""
+    shared, aid = flight.shared, flight.shared.aids[k]
     rate = aid.sensor.clock is not None
     out = np.empty((shared.filter_time.size, len(aid.sensor.followed) * aid.sensor.components + rate, WIDTH))
     for lane, run in enumerate(runs):
-        out[..., lane] = aid.true_states(seed, run, shared.filter_time)
+        out[..., lane] = aid.true_states(seed, run, shared.filter_time, of_aids[lane][k])
     return out
 
 
@@ -323,8 +356,7 @@ def fly_runs(
     packs, ways = [runs[i : i + WIDTH] for i in range(0, len(runs), WIDTH)], flight.shared.dispersion
     if ways is None or not ways.depends:
         for pack in packs:
-            departure = None if ways is None else _departure(flight, seed, pack, pushes)
-            inputs = _drawn(flight, seed, pack, departure, None, pushes)
+            inputs = _drawn(flight, seed, pack, None, Noise.of(flight, seed, pack, pushes), pushes)
             yield _as_runs(flight, inputs, _filter(flight, inputs), len(pack), measured, first_order)
         return
     out: list[Run] = []
@@ -338,7 +370,7 @@ def fly_runs(
         for last in reversed(range(flights)):
             inputs = _drawn(flight, seed, pack, departure, noise, pushes)
             filtered = _filter(flight, inputs)
-            now = _commanded(flight, seed, pack, inputs, filtered, pushes)
+            now = _commanded(flight, noise, len(pack), inputs, filtered)
             # a run whose loop is closed flies the same again, whoever flies beside it
             apart = np.abs(now.way[:, :3] - departure.way[:, :3]).reshape(-1, 3 * WIDTH)
             new = apart.max(axis=0).reshape(3, WIDTH).max(axis=0)
@@ -351,17 +383,20 @@ def fly_runs(
         return made, gap[: len(pack)] <= LOOP_TOLERANCE, now
 
     for number, pack in enumerate(packs):
-        known, noise = None, Noise.of(flight, seed, pack)
+        noise = Noise.of(flight, seed, pack, pushes)
+        assert noise.departure is not None
+        known = None
         if ways.steered and predicts is not None:
             known = ways.known(_predicted(flight, seed, pack, noise, predicts, pushes))
-        made, closed, now = flown(pack, noise, _departure(flight, seed, pack, pushes, known), TOGETHER)
+        made, closed, now = flown(pack, noise, ways.commanded(noise.departure, len(pack), known), TOGETHER)
         out.append(made)
-        still_open += [_OpenRun(number, i, now.lane(i), TOGETHER) for i in np.flatnonzero(~closed).tolist()]
+        own = np.flatnonzero(~closed).tolist()
+        still_open += [_OpenRun(number, i, noise.lane(i), now.lane(i), TOGETHER) for i in own]
         while len(still_open) >= WIDTH or (still_open and number == len(packs) - 1):
             now_open, still_open = still_open[:WIDTH], still_open[WIDTH:]
             pack = [packs[one.pack][one.place] for one in now_open]
             departure = PathDeviation.of_lanes([one.departure for one in now_open], WIDTH)
-            made, closed, now = flown(pack, Noise.of(flight, seed, pack), departure, 1)
+            made, closed, now = flown(pack, Noise.of_lanes([one.noise for one in now_open]), departure, 1)
             for lane, one in enumerate(now_open):
                 if closed[lane] or one.flights + 1 == MOST_FLIGHTS:
                     out[one.pack].put(one.place, made, lane)
@@ -372,10 +407,12 @@ def fly_runs(
 
 @dataclass(frozen=True)
 class _OpenRun:
-    """A run whose loop is open: its pack and its place there, the departure to fly next, and its flights so far."""
+    """A run whose loop is open: its pack and its place there, its draws, the departure to fly next, and its flights so
+    far."""
 
     pack: int
     place: int
+    noise: Noise
     departure: PathDeviation
     flights: int
 
@@ -389,27 +426,16 @@ def _drawn(
     return inputs if pushes is None else pushes.inputs(runs, inputs)
 
 
-def _departure(
-    flight: Flight, seed: int, runs: Sequence[int], pushes: Pushes | None, known: GuidanceErrors | None = None,
-    begin: np.ndarray | None = None,
-) -> PathDeviation:  # fmt: skip
-    """Departures of runs from the route, see `Dispersion.departure`, with their pushes."""
-    ways = flight.shared.dispersion
-    assert ways is not None
-    return ways.departure(seed, runs, WIDTH, known, begin, None if pushes is None else pushes.walks(runs))
-
-
-def _commanded(
-    flight: Flight, seed: int, runs: Sequence[int], inputs: Inputs, filtered: _Filtered, pushes: Pushes | None
-) -> PathDeviation:
-    """Departures that the estimates and alarms of runs command."""
+def _commanded(flight: Flight, noise: Noise, count: int, inputs: Inputs, filtered: _Filtered) -> PathDeviation:
+    """Departures that the estimates and alarms of so many runs command."""
     ways, known = flight.shared.dispersion, None
     assert ways is not None
+    assert noise.departure is not None
     if ways.steered:  # a run's numbers lie side by side: sums over them have one order
         errors = _of_runs(filtered.errors.errors.error[:, states.POS : states.ATT], WIDTH)
         known = ways.known(errors.transpose(1, 2, 0))
     begin = ways.begins(_monitored(flight, inputs, filtered, WIDTH).alerts) if ways.breaks_off else None
-    return _departure(flight, seed, runs, pushes, known, begin)
+    return ways.commanded(noise.departure, count, known, begin)
 
 
 def _predicted(

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -131,18 +131,16 @@ class Disturbance:
         rngs: dict[int, tuple[np.random.Generator, ...]],
         count: int,
         lanes: int,
-        known: GuidanceErrors | None = None,
         shift: dict[int, np.ndarray] | None = None,
     ) -> PathDeviation:
-        """Departures of the first `count` of so many runs, W.
+        """Departures of the first `count` of so many runs, W, without guidance.
 
-        rngs: W generators for each of the walks. known: estimation errors of the autopilot, None: it has none. shift:
-        added to the states (k, n, W) of the walks.
+        rngs: W generators for each of the walks. shift: added to the states (k, n, W) of the walks.
         """
         states = {number: walk.drawn(rngs[number], count) for number, walk in self.walks.items()}
         if shift is not None:
             states = {number: own + shift[number] for number, own in states.items()}
-        return self.of_states(states, lanes, known)
+        return self.of_states(states, lanes)
 
     @property
     def at_rest(self) -> PathDeviation:
@@ -150,10 +148,18 @@ class Disturbance:
         of_walks = ((number, walk.start.shape[0]) for number, walk in self.walks.items())
         return self.of_states({number: np.zeros((self.time.size, n, 1)) for number, n in of_walks}, 1)
 
-    def of_states(
-        self, states: dict[int, np.ndarray], lanes: int, known: GuidanceErrors | None = None
-    ) -> PathDeviation:
-        """Departures of so many runs, W, by the states (k, n, W) of their walks; known: see `drawn`."""
+    def guided(self, departure: PathDeviation, known: GuidanceErrors | None) -> PathDeviation:
+        """Copy of departures with the effect of guidance; known: errors of the estimates of its autopilot, None: it has
+        none."""
+        way, turn = departure.way.copy(), departure.turn.copy()
+        if known is not None:
+            assert self.air.autopilot is not None
+            step = float(self.time[1] - self.time[0])
+            steered(self.air.autopilot, known, self.course, self.slope, step, self.pitches, way, turn)
+        return replace(departure, way=way, turn=turn)
+
+    def of_states(self, states: dict[int, np.ndarray], lanes: int) -> PathDeviation:
+        """Departures of so many runs, W, by the states (k, n, W) of their walks, without guidance."""
         way, turn = np.zeros((self.time.size, 9, lanes)), np.zeros((self.time.size, 6, lanes))
         course, air = self.course, self.air
         if air.lateral is not None:
@@ -173,10 +179,6 @@ class Disturbance:
             own = states.get(_TURBULENCE + axis)
             gust[:, axis] = met.blowing(own)
             self._buffeted(axis, met, own, way, turn)
-        if known is not None:
-            assert air.autopilot is not None
-            step = float(self.time[1] - self.time[0])
-            steered(air.autopilot, known, course, self.slope, step, self.pitches, way, turn)
         return PathDeviation(self.time, way, turn, gust)
 
     def _across(self, deviation: Deviation, states: np.ndarray, way: np.ndarray, turn: np.ndarray) -> None:

@@ -170,7 +170,7 @@ def test_the_loop_closes() -> None:
     flown = fly(guided.flight, 1, runs, measured=False)
     assert flown.loop_gap.max() <= LOOP_TOLERANCE
     known = ways.known(flown.error[..., states.POS : states.ATT].transpose(1, 2, 0))
-    again = ways.departure(1, runs, WIDTH, known)
+    again = ways.commanded(ways.departure(1, runs, WIDTH), WIDTH, known)
     there = again.at(guided.shared.filter_time)[0]
     deviation = np.stack([there[:, 1], there[:, 0], -there[:, 2]], axis=1).transpose(2, 0, 1)
     np.testing.assert_allclose(deviation, flown.deviation, atol=LOOP_TOLERANCE)

@@ -138,7 +138,7 @@ def test_sensors_follow_the_go_around() -> None:
     ways = ways_of(one.shared)
     begin = np.full(WIDTH, np.inf)
     begin[:2] = 30.0, 50.0
-    flown = ways.flown(ways.departure(1, range(WIDTH), WIDTH, begin=begin))
+    flown = ways.flown(ways.commanded(ways.departure(1, range(WIDTH), WIDTH), WIDTH, begin=begin))
     for lane in range(2):
         position, turn = mechanised(one.shared, flown, lane)
         assert position < 0.02

@@ -117,7 +117,8 @@ def test_first_order_is_the_flight_forward(guidance: str) -> None:
     along = flight.along_route
     inputs = pushes.inputs(runs, draw(along, 3, runs))
     errors = linear.errors(along, inputs, smoothed(along.shared, inputs.ranges, inputs.phases))
-    way = ways.departure(3, runs, WIDTH, ways.known(errors) if ways.steered else None, shift=pushes.walks(runs))
+    drawn = ways.departure(3, runs, WIDTH, pushes.walks(runs))
+    way = ways.commanded(drawn, WIDTH, ways.known(errors) if ways.steered else None)
     outputs = flown.shared.filter_time
     turned = way.at(outputs)[0][:, [1, 0, 2]] * np.array([1.0, 1.0, -1.0])[:, None]
     if not ways.steered:
