@@ -554,7 +554,7 @@ def results(rows: Sequence[Row]) -> list[str]:
         f"**Large errors.** NEES of a consistent filter exceeds its 99.9 % limit in {NOMINAL} %. For `{DEFAULT}` this",
         f"share is larger by more than chance (2 sigma) in {len(beyond)} of {len(own)} cases. It is above {SHARE} % in",
         f"{len(above_share)} cases, in {len(over)} of them by more than chance. Don't compute the probability of rare",
-        "errors from σ.",
+        "errors from σ. The filter's own mixture [explains a part](mixture-tails-measured.md).",
         *listed(f"Cases above {SHARE} % beyond chance", over),
         "",
         *listed(f"Cases in which a run has a heading error beyond {FAR:g} σ", far),

@@ -44,6 +44,9 @@ from navsim.simulation.measurements import receiver_fixes
 
 SAMPLES = 999
 """Samples of each mixture. A true one has all of them below the truth in 1 of 1000 cases."""
+NOMINAL = 0.1
+"""Share, %, of NEES of a Gaussian beyond its limit."""
+LIMIT = chi2.isf(NOMINAL / 100.0, N_BASE)
 PIECE = 88
 """Runs that are stored together."""
 RUNS = {
@@ -104,12 +107,17 @@ class Judged:
     components: np.ndarray
     far: np.ndarray
 
+    @property
+    def beyond(self) -> np.ndarray:
+        """Whether NEES of the runs is beyond the limit (o, r)."""
+        return self.nees > LIMIT
+
 
 def of_output(
     model: FilterModel, mean: np.ndarray, p: np.ndarray, own: Mixture, truth: Truth, random: np.random.Generator
 ) -> list[np.ndarray]:
     """Members of `Judged` (W,) of one output mean (NAV, W), p (n, n, W)."""
-    drawn, x, n = np.empty((SAMPLES, *mean.shape)), np.empty((SAMPLES, *p.shape[1:])), len(p)
+    drawn, x = np.empty((SAMPLES, *mean.shape)), np.empty((SAMPLES, *p.shape[1:]))
     there = own.weight > 0.0
     for lane in range(WIDTH):
         which = np.flatnonzero(there[:, lane])
@@ -118,9 +126,8 @@ def of_output(
     displace(chart_of(model), in_lanes(drawn), in_lanes(x), model.declared)
     heading, nees = judged(model, mean, p, as_truth(drawn))
     _, flown = judged(model, mean, p, truth)
-    limit = chi2.isf(1e-3, n)
     return [
-        flown[0], nees.mean(axis=0), (nees > limit).mean(axis=0), (nees < flown).all(axis=0), there.sum(axis=0),
+        flown[0], nees.mean(axis=0), (nees > LIMIT).mean(axis=0), (nees < flown).all(axis=0), there.sum(axis=0),
         (np.abs(heading) > consistency.FAR).mean(axis=0),
     ]  # fmt: skip
 
@@ -184,16 +191,39 @@ HEAD = (
 )
 
 
-def cells(label: str, seeds: Sequence[int], runs: int) -> list[str]:
+def flown(label: str, runs: int) -> Judged:
+    """All runs of a case, so many of each seed."""
+    parts = [
+        piece(label, seed, first, min(PIECE, runs - first))
+        for seed in consistency.SEEDS
+        for first in range(0, runs, PIECE)
+    ]
+    return Judged(*(np.concatenate([vars(part)[name] for part in parts], axis=1) for name in vars(parts[0])))
+
+
+def cells(label: str, found: Judged) -> list[str]:
     """The row of a case."""
-    parts = [piece(label, seed, first, min(PIECE, runs - first)) for seed in seeds for first in range(0, runs, PIECE)]
-    found = Judged(*(np.concatenate([vars(part)[name] for part in parts], axis=1) for name in vars(parts[0])))
-    limit = chi2.isf(1e-3, N_BASE)
-    shares = found.predicted, found.nees > limit, found.beyond_own
+    shares = found.predicted, found.beyond, found.beyond_own
     several = (found.components > 1.0).mean(axis=1) > 0.5
     far = f"{SAMPLES * found.far.sum():.0f} of {SAMPLES * found.far.size / 1e6:.0f} million"
     every, mixed, single = ([percent(share[at]) for share in shares] for at in (slice(None), several, ~several))
     return [label, str(found.nees.shape[1]), *every, *mixed, *single[1:], far]
+
+
+def results(found: Sequence[Judged]) -> list[str]:
+    """What the rows come to."""
+    predicted, observed = (
+        100.0 * np.array([m.mean() for m in each])
+        for each in zip(*((one.predicted, one.beyond) for one in found), strict=True)
+    )
+    explained = 100.0 * (predicted - NOMINAL) / (observed - NOMINAL)
+    return [
+        f"The mixture predicts {predicted.min():.2f} to {predicted.max():.2f} %, runs show {observed.min():.2f} to "
+        f"{observed.max():.2f} %. So it explains",
+        f"{explained.min():.0f} to {explained.max():.0f} % of the excess over {NOMINAL} %. The rest is an error of the "
+        "filter, apart from chance.",
+        "",
+    ]
 
 
 INTRODUCTION = """# Large errors of the default filter, and its mixture
@@ -202,6 +232,7 @@ NEES judges an error by one mean and covariance. The default filter's density is
 If the mixture is the posterior, its samples exceed the 99.9 % limit of NEES as often as the errors do.
 
 The times are those of [consistency](filter-consistency.md), its runs the first ones there.
+
 """
 COLUMNS = f"""
 | column | meaning |
@@ -233,10 +264,10 @@ def main() -> None:
     options = ask.parse_args()
     whole = options.runs is None and options.cases is None
     begun = measured.commit() if whole else ""
-    rows = [
-        measured.row(*cells(label, consistency.SEEDS, options.runs or RUNS[label])) for label in options.cases or RUNS
-    ]
-    lines = [*INTRODUCTION.splitlines(), "", *HEAD, *rows, *COLUMNS.splitlines()]
+    labels = options.cases or list(RUNS)
+    every = [flown(label, options.runs or RUNS[label]) for label in labels]
+    rows = [measured.row(*cells(label, found)) for label, found in zip(labels, every, strict=True)]
+    lines = [*INTRODUCTION.splitlines(), *results(every), *HEAD, *rows, *COLUMNS.splitlines()]
     if whole:
         PAGE.write(lines, begun)
     else:
