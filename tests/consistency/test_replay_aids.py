@@ -20,7 +20,7 @@ from navsim.scenario_files.source import InputError
 from navsim.statistics.chi_square import quantile
 from tests.recordings import drive, quadrotor, record, write_recording
 
-SHORT = ("gnss.latency_s=0.1", "filter.output_rate_hz=fixes")
+SHORT = ("gnss.latency_s=0.1", "filter.output_rate_hz=fixes", "checks=off")  # which are those of `test_diagnosis`
 
 
 def flown(log: Path, *settings: str) -> tuple[Result, study.Recording]:
