@@ -9,11 +9,13 @@ import pytest
 
 from navsim.formats.recorded_data import Fixes, Headings, Samples
 from navsim.geodesy.attitude import dcm_from_quaternion, dcm_from_rpy, quaternion_from_dcm, roll_pitch_yaw
+from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.replays import study
 from navsim.replays.aids import OwnNoise, pieces_at_rest
 from navsim.replays.alignment import Alignment, axis_later, turned_to
 from navsim.replays.findings import warn_of_headings
 from navsim.replays.flight import within_outages
+from navsim.results.findings import of
 from navsim.results.result import Result
 from navsim.scenario.load import read_replay
 from navsim.scenario_files.source import InputError
@@ -163,3 +165,46 @@ def test_headings_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
     headings = Headings(np.array([1.0, 2.0]), np.zeros(2), np.ones(2), np.array([1.0, 0.0, 0.0]))
     assert "none is used" in warn_of_headings(headings, 2.0, 9.0)[0]
     assert warn_of_headings(headings, 1.5, 9.0) == warn_of_headings(None, 1.5, 9.0) == []
+
+
+def test_ranges_of_beacons_keep_a_car_in_outages(tmp_path: Path) -> None:
+    """Three around the drive; one that is 40 m off in height is told. Local positions, positions alone, and a filter
+    that ranges mislead, are refused."""
+    trajectory, rng = drive(), np.random.default_rng(9)
+    log = write_recording(tmp_path, *record(trajectory, 3, fix_rate=4.0, position_noise=0.1))
+    time = np.arange(1.0, 118.0, 0.25)
+    antenna = ecef_from_llh(trajectory.motion(time).llh)
+    beside = np.array([40.0, -80.0, -20.0]) @ ned_matrix(trajectory.motion(time[:1]).llh[0])
+    sites = antenna[[0, time.size // 2, -1]] + beside
+    asked = np.arange(time.size) % 3
+    measured = np.linalg.norm(sites[asked] - antenna, axis=1) + np.array([0.3, -0.2, 0.0])[asked]
+    measured += rng.normal(0.0, 0.1, time.size)
+    np.savetxt(tmp_path / "r.csv", np.c_[time, asked, measured], ["%.3f", "%d", "%.4f"], ",", comments="",
+               header="t_s,source,range_m")  # fmt: skip
+    lat, lon, height = llh_from_ecef(sites).T
+
+    def places(higher: float = 0.0) -> str:
+        every = [f"{{name: '{i}', lat_deg: {np.degrees(lat[i])}, lon_deg: {np.degrees(lon[i])}, "
+                 f"height_m: {height[i] + higher * (i == 1)}}}" for i in range(3)]  # fmt: skip
+        return f"sources={{positions: [{', '.join(every)}]}}"
+
+    ranges = f"ranges={{file: {tmp_path}/r.csv, sigma_m: 0.1, bias_sigma_m: 0.3}}"
+    away = ["outages=[{start_s: [60, 70, 80, 90, 95], duration_s: 15}]", "gnss.position_sigma_m=[0.1, 0.15]"]
+    alone = flown(log, *away)[0]
+    aided = flown(log, *away, ranges, places())[0]
+    assert aided["/summary/drift_median"][0] < 0.2 * alone["/summary/drift_median"][0]
+    assert aided["/summary/drift_nees"][0] < 2.5
+    off = (aided["/summary/beacon_bias"] - [0.3, -0.2, 0.0]) / aided["/summary/beacon_bias_sigma"]
+    assert np.all(np.abs(off) < 3.0)
+    used = aided["/summary/aid_used"]
+    assert quantile(1e-4, used.sum()) < aided["/summary/aid_nis"][:, 0] @ used < quantile(0.9999, used.sum())
+    told = [found.text for found in of(flown(log, ranges, places(40.0), "end_s=60")[0])]
+    assert any("of the range of 1 were rejected by the innovation gate" in text for text in told)
+    for settings, message in (
+        ((places(),), "belong together"),
+        ((ranges, places(), "filter.kind=first-estimates"), "change of specific force"),
+        ((ranges, "sources={positions: [{name: '0', position_m: [0, 0, 0]}, {name: '1', position_m: [300, 0, 0]}, "
+                  "{name: '2', position_m: [0, 300, 0]}]}"), "local axes"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=message):
+            study.prepare(*read_replay(log, settings))
