@@ -43,6 +43,7 @@ validate: $(STAMP)       ## the long statistical studies: tables in docs/; every
 	$(BIN)/python scripts/covariance_matrix.py
 	$(BIN)/python scripts/near_passes.py
 	$(BIN)/python scripts/filter_consistency.py --runs 200
+	$(BIN)/python scripts/mixture_tails.py
 	$(BIN)/python scripts/outages.py
 	$(BIN)/python scripts/lasting_errors.py
 	$(BIN)/python scripts/sensor_errors.py
