@@ -132,13 +132,13 @@ class WanderingClocks:
         before = np.clip(np.searchsorted(known, at + _SAME_TIME, side="right") - 1, 0, None)
         after = np.minimum(before + 1, known.size - 1)
         gone, left = np.maximum(at - known[before], 0.0), known[after] - at
-        own, later = (_noise(errors.density, np.maximum(dt, 0.0)) for dt in (gone, left))
-        on = _transition(left)
+        own, later = (clock_noise(errors.density, np.maximum(dt, 0.0)) for dt in (gone, left))
+        on = clock_transition(left)
         # the last ones have no neighbour behind them
         with_later = (on @ own @ on.swapaxes(1, 2) + later) * np.ones((at.size, 1, 1))
         gain = own @ on.swapaxes(1, 2) @ np.linalg.pinv(with_later)
         gain[after == before] = 0.0
-        mean = np.einsum("oij,jos->ois", _transition(gone), values[:, before])
+        mean = np.einsum("oij,jos->ois", clock_transition(gone), values[:, before])
         expected = np.einsum("oij,ojs->ois", on, mean)
         mean += gain @ (np.moveaxis(values[:, after], 0, 1) - expected)
         variance, axes = np.linalg.eigh(own - gain @ on @ own)
@@ -151,7 +151,7 @@ class WanderingClocks:
 
     def between(self, dt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Transition and noise covariance of offset and rate over dt (t,), s, (t, 2, 2) each."""
-        return _transition(dt), _noise(self.errors.density, np.maximum(dt, 0.0))
+        return clock_transition(dt), clock_noise(self.errors.density, np.maximum(dt, 0.0))
 
     def steps(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Transition and noise covariance of offset and rate from epoch to epoch (e,), s, (e, 2, 2) each.
@@ -159,24 +159,24 @@ class WanderingClocks:
         The first step begins when the clocks were set, and its noise has the error of their rates.
         """
         dt = np.diff(time + self.errors.age, prepend=0.0)
-        new = _noise(self.errors.density, dt)
+        new = clock_noise(self.errors.density, dt)
         if self.errors.rate > 0.0:
             new[0] = self.errors.clock_covariance(time[0])
-        return _transition(dt), new
+        return clock_transition(dt), new
 
 
 _SAME_TIME = 1e-9
 """Times that differ by less, s, are the same."""
 
 
-def _transition(dt: np.ndarray) -> np.ndarray:
+def clock_transition(dt: np.ndarray) -> np.ndarray:
     """Transition (t, 2, 2) of offset and rate over dt (t,), s."""
     out = np.broadcast_to(np.eye(2), (dt.size, 2, 2)).copy()
     out[:, 0, 1] = dt
     return out
 
 
-def _noise(density: tuple[float, float], dt: np.ndarray) -> np.ndarray:
+def clock_noise(density: tuple[float, float], dt: np.ndarray) -> np.ndarray:
     """Covariance (t, 2, 2) that noises add to offset and rate over dt (t,), s."""
     bias, both, drift = step_covariance(np.array(density), dt)
     return np.moveaxis(np.array([[bias, both], [both, drift]]), 2, 0)

@@ -32,13 +32,6 @@ def check_analysable(landing: Landing) -> None:
             "integrity",
             "error_model",
         )
-    if landing.filter.tight and landing.method == "rare":
-        raise reject(
-            "method rare pushes fixes, not yet the clock of a tightly coupled filter; use method monte-carlo or "
-            "covariance, or `coupling: loose`",
-            "filter",
-            "coupling",
-        )
     if (further := landing.imu.monte_carlo_only(landing.method == "rare")) is not None:
         text = (
             "only Monte Carlo models it; the covariance analysis, on which method rare also rests, does not: "

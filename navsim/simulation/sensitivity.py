@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 
 from navsim.filter import states
-from navsim.filter.measurement_kinds import FIX
+from navsim.filter.measurement_kinds import FIX, RANGE
 from navsim.filter.records import OUTPUT, TIME_TOLERANCE
 from navsim.gnss import dll
 from navsim.gnss.correlated_errors import CorrelatedErrors
 from navsim.gnss.fix_states import StateHistory
+from navsim.gnss.pseudolite_clock import clock_noise, clock_transition
 from navsim.gnss.pseudorange import Signals
 from navsim.sensors.imu import Triad
 from navsim.simulation.aiding import Aid
@@ -98,9 +99,9 @@ def sensitivity(flight: Flight, along: AlongTruth, weights: np.ndarray) -> Slope
             there = np.flatnonzero(lin.have[w])
             by_innovation = here @ lin.gain[w][:, there]
             mean -= by_innovation @ lin.z[w, there]
-            if kind == FIX:
-                ranges[:, row] -= by_innovation @ along.by_range[row, there]
-                rates[:, row] -= by_innovation @ along.by_rate[row, there]
+            if kind in (FIX, RANGE):
+                ranges[:, along.epoch[row]] -= by_innovation @ along.by_range[row, there]
+                rates[:, along.epoch[row]] -= by_innovation @ along.by_rate[row, there]
                 sample = max(int(np.searchsorted(shared.imu_time, events.time[i] - TIME_TOLERANCE)) - 1, 0)
                 turned[:, sample] -= by_innovation @ lin.h[w, there, states.GYRO : states.GYRO + 3]
             else:
@@ -152,7 +153,7 @@ def _spread_over_samples(
 def carried(flight: Flight, slopes: Slopes, history: StateHistory | None = None) -> Slopes:
     """The covariance of the inputs times `slopes`: where the inputs most likely are when sums of them with these slopes
     are off by their variances. history: of fixes that have a state."""
-    shared, errors, signals = flight.shared, flight.initial, flight.shared.signals
+    shared, errors = flight.shared, flight.initial
     variance = np.repeat([errors.position**2, errors.velocity**2, errors.attitude**2], 3)
     initial = slopes.initial * (variance if errors.fixed is None else 0.0)
     dt = shared.imu_time[1] - shared.imu_time[0]
@@ -160,7 +161,7 @@ def carried(flight: Flight, slopes: Slopes, history: StateHistory | None = None)
         initial,
         _of_triad(flight.gyro, slopes.dtheta, shared.dtheta, dt),
         _of_triad(flight.accel, slopes.dv, shared.dv, dt),
-        *(_of_ranges(signals, slopes) if history is None else of_states(shared, slopes, history)),
+        *(_of_ranges(flight, slopes) if history is None else of_states(shared, slopes, history)),
         tuple(of_aid(aid, a) for a, aid in zip(slopes.aided, shared.aids, strict=True)),
     )
 
@@ -173,8 +174,9 @@ def of_states(shared: SharedTruth, slopes: Slopes, history: StateHistory) -> tup
     return out[..., :3], out[..., 3:], None
 
 
-def _of_ranges(signals: Signals, slopes: Slopes) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+def _of_ranges(flight: Flight, slopes: Slopes) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Covariance of the errors of ranges, range rates and carrier phases times their slopes."""
+    signals, density = flight.shared.signals, flight.shared.clock_density
     ranges = slopes.ranges * np.where(signals.used, signals.sigma, 0.0) ** 2
     rates = slopes.rates * np.where(signals.used, signals.rate_sigma, 0.0) ** 2
     phases = None if slopes.phases is None else np.where(signals.used, CARRIER_SIGMA**2 * slopes.phases, 0.0)
@@ -199,6 +201,14 @@ def _of_ranges(signals: Signals, slopes: Slopes) -> tuple[np.ndarray, np.ndarray
     if signals.wandering is not None:
         both = slopes.ranges if slopes.phases is None else slopes.ranges + slopes.phases
         delay, faster = _of_clocks(signals, both, slopes.rates)
+        ranges, rates = ranges + delay, rates + faster
+        phases = None if phases is None else phases + delay
+    if flight.design.tight and any(density):  # each fix solves for the clock
+        both = slopes.ranges if slopes.phases is None else slopes.ranges + slopes.phases
+        later = np.stack([np.where(signals.used, m, 0.0).sum(axis=2) for m in (both, slopes.rates)], axis=-1)
+        dt = np.diff(signals.time, prepend=0.0)
+        of_clock = _of_steps(clock_transition(dt), clock_noise(density, dt), later[:, :, None])
+        delay, faster = (np.where(signals.used, of_clock[..., k], 0.0) for k in (0, 1))
         ranges, rates = ranges + delay, rates + faster
         phases = None if phases is None else phases + delay
     return ranges, rates, phases
@@ -240,17 +250,24 @@ def _of_clocks(signals: Signals, ranges: np.ndarray, rates: np.ndarray) -> tuple
     """Covariance of the effect of pseudolites' clocks on ranges and range rates, times slopes by these (K, e, s)."""
     clocks = signals.wandering
     assert clocks is not None
-    transition, new = clocks.steps(signals.time)
     there = signals.used & clocks.which
-    # with L that makes offsets and rates of all that was new up to then, the covariance is L Q L'
     later = np.where(there[..., None], np.stack([ranges, rates], axis=-1), 0.0)
+    out = np.where(there[..., None], _of_steps(*clocks.steps(signals.time), later), 0.0)
+    return out[..., 0], out[..., 1]
+
+
+def _of_steps(transition: np.ndarray, new: np.ndarray, later: np.ndarray) -> np.ndarray:
+    """Covariance of offsets and rates of clocks times slopes by them (K, e, s, 2), which are overwritten.
+
+    transition, new: of each step (e, 2, 2). With L that makes offsets and rates of all that was new up to then, it is
+    L Q L'.
+    """
     for t in range(later.shape[1] - 2, -1, -1):
         later[:, t] += later[:, t + 1] @ transition[t + 1]
     out = np.einsum("eij,kesj->kesi", new, later)
     for t in range(1, out.shape[1]):
         out[:, t] += out[:, t - 1] @ transition[t].T
-    out = np.where(there[..., None], out, 0.0)
-    return out[..., 0], out[..., 1]
+    return out
 
 
 def _of_triad(triad: Triad, slopes: np.ndarray, exact: np.ndarray, dt: float) -> np.ndarray:

@@ -101,13 +101,21 @@ def prepared(box: str, *settings: str) -> tuple[Case, LimitState]:
     return flown, rare_events.prepare(flown)
 
 
-@pytest.mark.parametrize("guidance", ["estimate", pytest.param("reference", marks=pytest.mark.long)])
-def test_first_order_is_the_flight_forward(guidance: str) -> None:
+@pytest.mark.parametrize(
+    ("guidance", "coupling"),
+    [("estimate", "loose"), ("estimate", "tight"), pytest.param("reference", "loose", marks=pytest.mark.long)],
+)
+def test_first_order_is_the_flight_forward(guidance: str, coupling: str) -> None:
     """Each pushed run's first-order error by slopes, and by its first-order estimates that fly through the autopilot;
     pushes move it by what they say. One of a scale factor is of the run's own increments, that of a noise has the run's
     own sigma."""
     flown, edge = prepared(
-        f"{TOTAL}, lateral_m: 3, vertical_m: 4", TECHNICAL, *GUSTS, *SCALED, f"approach.guidance={guidance}"
+        f"{TOTAL}, lateral_m: 3, vertical_m: 4",
+        TECHNICAL,
+        *GUSTS,
+        *SCALED,
+        f"approach.guidance={guidance}",
+        f"filter.coupling={coupling}",
     )
     flight, ways, runs = flown.flight, flown.shared.dispersion, range(WIDTH)
     linear, tilt = flown.first_order, edge.tilt

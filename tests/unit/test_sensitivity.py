@@ -59,6 +59,7 @@ CASES = {
         "initial_errors.attitude_deg=1",
     ),
     "few fixes": ("receiver.rate_hz=0.5",),
+    "tight": ("filter.coupling=tight", "receiver.rate_hz=2", "receiver.clock={}"),
     "sensors": (
         "imu.gyro.markov_deg_h=100", "imu.gyro.markov_time_s=40", "imu.accelerometer.scale_ppm=3000",
         "imu.gyro.scale_ppm=3000", "receiver.rate_hz=2",
