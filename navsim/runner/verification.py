@@ -212,6 +212,9 @@ def _check_software(out: Verification, result: Result) -> tuple[float, str]:
         out.checks.append(VerificationCheck("software", NOTE, text))
         return ROUNDING, DIFFERS
     unlike = [name for name in there | here if there.get(name) != here.get(name)]
+    version = str(result.attributes["navsim_version"])
+    if CODE not in unlike and version != navsim.__version__:
+        out.add("software", [f"navsim_version: {version} in the file, its code is that of {navsim.__version__}"], "")
     for name in unlike:
         if name == INSTRUCTIONS:
             lacking, more = (set(a.split(",")) - set(b.split(",")) for a, b in (
@@ -219,7 +222,7 @@ def _check_software(out: Verification, result: Result) -> tuple[float, str]:
             ))  # fmt: skip
             text = f"{name}: {len(lacking)} of the result's are lacking here, {len(more)} more are here"
         elif name == CODE:
-            text = f"navsim {result.attributes['navsim_version']} of another code than this {navsim.__version__}"
+            text = f"navsim {version} of another code than this {navsim.__version__}"
             text += f": SHA-256 {there.get(name, 'unknown')[:16]} in the result, {here[name][:16]} here"
         else:
             text = f"{name}: {there.get(name, 'none')} in the result, {here.get(name, 'none')} here"

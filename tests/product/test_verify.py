@@ -158,6 +158,7 @@ CHANGES: dict[str, tuple[Change, str]] = {
     "the title": (_attribute("title", "another"), "title"),
     "the epoch": (_attribute("epoch", "2018-09-13T12:00:01Z"), "epoch"),
     "the method": (_attribute("method", "covariance"), "method"),
+    "the version": (_attribute("navsim_version", "9.9"), "navsim_version"),
     "the kind": (_attribute("kind", "sweep"), "kind"),
     "an attribute deleted": (lambda root, _: root.pop("title"), "title"),
     "an attribute added": (_attribute("approved", "yes"), "approved"),
