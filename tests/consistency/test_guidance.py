@@ -62,17 +62,21 @@ def drawn(samples: int, lanes: int, sigma: float = 3.0) -> GuidanceErrors:
     return GuidanceErrors(first, np.random.default_rng(4).normal(0.0, sigma, (first.size, 6, lanes)))
 
 
+def responses() -> list[tuple[np.ndarray, np.ndarray]]:
+    """Transition (4, 4) and drive (4, 1) of each axis over a sample, by scipy."""
+    a, b, out = np.zeros((4, 4)), np.zeros((4, 1)), []
+    a[0, 1] = a[1, 2] = a[2, 3] = 1.0
+    for lag in (0.3, 0.5, 0.4):
+        a[3, 2:], b[3] = [-1.0 / lag**2, -2.0 / lag], 1.0 / lag**2
+        out.append(cont2discrete((a, b, np.eye(4), np.zeros((4, 1))), STEP)[:2])
+    return out
+
+
 def flown_by_numpy(known: GuidanceErrors, samples: int, climb: float) -> tuple[np.ndarray, np.ndarray]:
     """The same motion, and commands, of an autopilot that is given nothing but estimates (3, 2, W)."""
     lanes, signs = known.values.shape[2], np.array([1.0, 1.0, -1.0])
     out, commands = np.zeros((samples, 3, 4, lanes)), np.zeros((samples, 3, lanes))
-    held = np.zeros((3, lanes))
-    a, b = np.zeros((4, 4)), np.zeros((4, 1))
-    a[0, 1] = a[1, 2] = a[2, 3] = 1.0
-    steps = []
-    for lag in (0.3, 0.5, 0.4):
-        a[3, 2:], b[3] = [-1.0 / lag**2, -2.0 / lag], 1.0 / lag**2
-        steps.append(cont2discrete((a, b, np.eye(4), np.zeros((4, 1))), STEP)[:2])
+    held, steps = np.zeros((3, lanes)), responses()
 
     def asked(estimate: np.ndarray) -> np.ndarray:
         lateral, along, up = estimate
@@ -101,6 +105,20 @@ def test_autopilot(sigma: float, within: Within) -> None:
     expected, commands = flown_by_numpy(known, 900, -0.09)
     np.testing.assert_allclose(motion(known, 900, -0.09), expected, atol=within["value"])
     assert (np.abs(commands[:, 1]).max() == 1.5) == (sigma == 60.0)  # whether limits are reached
+
+
+def test_guidance_never_reads_the_truth() -> None:
+    """Estimates that stand still, half a metre off, ask for the same as long as they do: the truth runs away."""
+    due, commands = np.zeros((3000, 3, 4)), (-0.5 / 25.0, -0.5 / 4.0, -0.5 / 36.0)
+    for axis, (transition, drive) in enumerate(responses()):
+        for k in range(2999):
+            due[k + 1, axis] = transition @ due[k, axis] + drive[:, 0] * commands[axis]
+    wrong = due[:, :, :2] - [[0.5, 0.0], [0.5, 0.5], [0.5, 0.0]]  # truth - estimate: m, and m/s along the course
+    up = [[[1.0], [1.0], [-1.0]]]
+    values = (wrong[:, [1, 0, 2]] * up).transpose(0, 2, 1).reshape(3000, 6, 1) + np.zeros(WIDTH)
+    way = motion(GuidanceErrors(np.arange(3000), values), 3000)
+    np.testing.assert_allclose(way, due[:, :, :3].transpose(1, 2, 0)[..., None] + np.zeros(WIDTH), atol=1e-9)
+    assert way[0, 0, -1].max() < -8.0
 
 
 def test_estimates_without_error_steer_to_nothing() -> None:
