@@ -200,6 +200,20 @@ def test_the_loop_closes() -> None:
     np.testing.assert_array_equal(alone.error[0], flown.error[2])
 
 
+def test_open_and_closed_loops_agree_where_guidance_is_perfect() -> None:
+    """Estimates a millionth as wrong as usual: both fly the route, with the same errors."""
+    perfect = (
+        "imu.gyro={drift_deg_h: 1.0e-6, arw_deg_sqrt_h: 1.0e-7}", "signals={range_sigma_m: 1.0e-5}", "filter.kind=eskf",
+        "imu.accelerometer={bias_mg: 1.0e-6, vrw_m_s_sqrt_h: 1.0e-8}", "duration_s=40", "imu.rate_hz=25",
+        "initial_errors={attitude_deg: 1.0e-6, position_m: 1.0e-5, velocity_m_s: 1.0e-6}", "receiver.rate_hz=2",
+    )  # fmt: skip
+    ways = ("reference", "estimate")
+    along, closed = (next(case(*perfect, f"approach.guidance={way}").fly_runs(1, 0, WIDTH, False)) for way in ways)
+    assert 0.0 < np.abs(closed.deviation).max() < 1e-3
+    np.testing.assert_allclose(closed.error, along.error, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(closed.sigma, along.sigma, rtol=1e-6)
+
+
 def test_first_order_errors_predict_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two flights close the loops of nearly all runs; one that needs more flies them beside those of other lanes, with
     the same bits as alone."""
