@@ -13,6 +13,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 import filter_consistency as consistency
 import measured
@@ -62,6 +63,7 @@ def displace(chart: GaussianSum, nav: np.ndarray, x: np.ndarray, declared: np.nd
     navs, errors = as_simd(nav), as_simd(x)
     space = propagation_buffers(navs[0], errors.shape[1], chart.straight, declared)
     for row in range(navs.shape[0]):
+        # numba chooses it by the chart, so that it has no types to check
         feed_back(chart, navs[row], errors[row], space)  # type: ignore[no-untyped-call]
 
 
@@ -161,7 +163,7 @@ def fly(case: Case, seed: int, first: int) -> list[list[np.ndarray]]:
     for _, output, history in fly_in_pieces(imu, tables, events, state, model, 1):
         if output.stop > output.start:
             mean, p = history.navigation[0], history.covariance[0]
-            now = truth.each(lambda m, output=output: m[output])  # type: ignore[misc]
+            now = truth.each(itemgetter(output))
             out.append(of_output(model, mean, p, state.components, now, random))
     return out
 

@@ -27,7 +27,7 @@ class MergeOptions:
         Path,
         typer.Option(metavar="FOLDER", help="Folder of the files that the scenario names, such as orbits."),
     ] = Path()
-    figures: Annotated[str | None, figures_option("unless this option is given")] = None
+    figures: Annotated[str | None, figures_option("that of the result; none unless this option is given")] = None
     dry_run: Annotated[bool, dry_run_option("Check that the parts fit, then stop.")] = False
     json_: JsonOption = False
 

@@ -76,11 +76,11 @@ def set_option(what: str) -> Any:
     )  # fmt: skip
 
 
-def figures_option(when: str = "with --quiet") -> Any:
-    """--figures of a command that draws none by default in these cases."""
+def figures_option(default: str = "that of the result; none with --quiet") -> Any:
+    """--figures of a command with this default."""
     return typer.Option(
         metavar="FOLDER|none",
-        help=f"Folder for figures; created if missing. Default: that of the result; none {when}.",
+        help=f"Folder for figures; created if missing. Default: {default}.",
         show_default=False,
     )
 

@@ -111,14 +111,7 @@ class LiveOptions:
         ),
     ] = None
     output: Annotated[Path | None, output_option("results/<scenario stem>_live.h5")] = None
-    figures: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FOLDER|none",
-            help="Folder for figures; created if missing. Default: none.",
-            show_default=False,
-        ),
-    ] = None
+    figures: Annotated[str | None, figures_option("none")] = None
     seed: SeedOption = 1
     set_: Annotated[list[str] | None, set_option("scenario")] = None
     realtime: Annotated[bool, typer.Option("--realtime", help="Delay the lines of a fast source to real time.")] = False

@@ -33,7 +33,7 @@ class ResumeOptions:
 
     workers: WorkersOption = None
     scheduler: SchedulerOption = None
-    figures: Annotated[str | None, figures_option("for several runs or with --quiet")] = None
+    figures: Annotated[str | None, figures_option("that of the result; none for several runs or with --quiet")] = None
 
 
 def resume(

@@ -84,7 +84,7 @@ class RunOptions:
         ),
     ] = None
     set_: Annotated[list[str] | None, set_option("scenario")] = None
-    figures: Annotated[str | None, figures_option("for several runs or with --quiet")] = None
+    figures: Annotated[str | None, figures_option("that of the result; none for several runs or with --quiet")] = None
     dry_run: Annotated[bool, dry_run_option("Check the input, estimate time, memory and disk, and stop.")] = False
     fresh: FreshOption = False
     json_: JsonOption = False

@@ -129,8 +129,10 @@ def _touchdown_at_rest(case: Case) -> np.ndarray:
 
 
 def _off_route(case: Case, box: ErrorBox, at_box: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """The box's errors of runs that leave the route, to first order: weights (3, o, 6) of the errors of the filter's
-    outputs, NED, and (3, k, 3) of the positions that runs are off the route, along path axes at the samples.
+    """Weights of what makes the box's errors of runs that leave the route, to first order.
+
+    The first (3, o, 6) are of the errors of the filter's outputs, NED. The second (3, k, 3) are of the positions that
+    runs are off the route, along path axes at the samples.
 
     at_box: outputs beside the box, and their shares.
     """

@@ -499,7 +499,7 @@ def optimize_result(problem: PlacementProblem, outcome: SearchOutcome, seed: int
     ]
     names = [_named(problem, outcome, one) for one in members]
     way = [text for one, name in zip(members, names, strict=True)
-           for text in in_the_way(problem.rules, name, found[one].places)]  # fmt: skip
+           for text in masts_above_glide(problem.rules, name, found[one].places)]  # fmt: skip
     told = judging.notes([*problem.warnings, *weak, *_on_pavement(problem, outcome), *way])
     if problem.beacons is not None:
         told += judging.notes(dop_warnings(problem, names, others))
@@ -553,7 +553,7 @@ def _on_pavement(problem: PlacementProblem, outcome: SearchOutcome) -> list[str]
     return out
 
 
-def in_the_way(rules: Rules, name: str, places: np.ndarray) -> list[str]:
+def masts_above_glide(rules: Rules, name: str, places: np.ndarray) -> list[str]:
     """Warning about antennas of a placement (k, c) before the threshold that rise above the glide beside it.
 
     The aircraft may strike their masts; `distance_m` asks only how far antennas are.

@@ -200,12 +200,16 @@ def between(
 
 
 Weight = tuple[float, float, float, float]
+"""Weights of the values before and after, their divisor, and the standard deviation for a sigma of 1."""
 
 
 @lru_cache(maxsize=16)
 def _weights(at: bytes, time: bytes, correlation: float) -> list[tuple[int | None, int, Weight | None]]:
-    """For each time of `between`: the known value that comes last before it, None if its own one before does; the next
-    known value, behind the last one 0; weights of both, their divisor, spread per sigma; None where it is known."""
+    """For each time of `between`: two known values by number, and their weights.
+
+    The first is the last known value before it; None if the time of `between` before it is later. The second is the
+    next known value, with a number beyond the last if there is none. Weights are None where the value is known.
+    """
     out: list[tuple[int | None, int, Weight | None]] = []
     previous, known = -np.inf, np.frombuffer(time)
     times = np.frombuffer(at)

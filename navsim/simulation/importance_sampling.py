@@ -263,7 +263,7 @@ class HistoryProposal:
         chance = np.zeros(at.size)
         for c in range(at.size):
             for trial in range(_TRIALS):
-                history = out.given(generator(c, trial, "tilt", 2), c)
+                history = out.history_of(generator(c, trial, "tilt", 2), c)
                 tilt = shifts.of(shifts.model.with_forced(history))
                 chance[c] += stationary[state[c]] * min(1.0, float(shifts.chances(tilt).sum()))
         likely = chance / chance.sum() if chance.sum() > 0.0 else np.full(at.size, 1.0 / at.size)
@@ -274,7 +274,7 @@ class HistoryProposal:
         """No weight is above this."""
         return 1.0 / _CHAIN
 
-    def given(self, rng: np.random.Generator, component: int) -> StateHistory:
+    def history_of(self, rng: np.random.Generator, component: int) -> StateHistory:
         """History without forced states that a component draws; one beyond the last is the chain."""
         model, end = self.shifts.model, float(self.shifts.flight.shared.signals.time[-1])
         if component >= self.at.size:
@@ -285,7 +285,7 @@ class HistoryProposal:
         """History of a run, the logarithm of its weight, and whether the chain itself drew it."""
         rng, ends = generator(seed, run, "tilt", 1), np.cumsum(self.shares)
         component = int(np.searchsorted(ends, rng.random(), side="right"))
-        history = self.given(rng, component)
+        history = self.history_of(rng, component)
         has = history.state[history.at(self.at)] == self.state
         density = _CHAIN + np.sum(self.shares[has] / self.shifts.model.shares[self.state[has]])
         return self.shifts.model.with_forced(history), -float(np.log(density)), component == self.at.size

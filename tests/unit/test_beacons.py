@@ -25,7 +25,7 @@ from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.optimization.problem import problem
 from navsim.optimization.report import tables
 from navsim.optimization.scenario import Optimize
-from navsim.optimization.study import dop_warnings, in_the_way, optimize_result, solve, worse_than_base
+from navsim.optimization.study import dop_warnings, masts_above_glide, optimize_result, solve, worse_than_base
 from navsim.report.table import Table
 from navsim.results.result import read
 from navsim.results.schema import HEIGHTS
@@ -275,9 +275,9 @@ def test_a_search_chooses_the_best_sites(tmp_path: Path) -> None:
     s, l1 = posed.rules.plane.places(at[epochs // 2])
     up = at[epochs // 2, 2] - posed.rules.plane.threshold[2]
     beside = np.array([[s + 30.0, l1, up + 8.0], [s + 30.0, l1, up - 8.0], [s - 90.0, l1, up + 8.0], [s, -50.0, 99.0]])
-    (way,) = in_the_way(posed.rules, "4 beacons", beside)
+    (way,) = masts_above_glide(posed.rules, "4 beacons", beside)
     assert "strike a mast: number 1 rises 8 m above the glide, 30 m off it; keep them lower" in way
-    assert in_the_way(posed.rules, "3 beacons", beside[1:]) == []
+    assert masts_above_glide(posed.rules, "3 beacons", beside[1:]) == []
     (text,) = write_kml(result, tmp_path / "best").values()
     assert all(f"<name>B{k} of 3</name>" in text for k in (1, 2, 3))
     assert posed.errors is not None
