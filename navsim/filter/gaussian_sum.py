@@ -31,7 +31,7 @@ import numpy as np
 
 from navsim.compiler.elementary import exp_of_negative
 from navsim.compiler.jit import kernel
-from navsim.compiler.lanes import alloc, any_lane, as_simd, no, small_vector, where
+from navsim.compiler.lanes import alloc, any_lane, as_simd, no, small_matrix, small_vector, where
 from navsim.compiler.linear import cholesky, copy
 from navsim.filter import tfg
 from navsim.filter.covariance import gain, innovation_factor
@@ -81,6 +81,7 @@ from navsim.filter.states import (
     NAV_SENSORS,
     NAV_VEL,
     PHI_D,
+    PHI_N,
 )
 from navsim.filter.steady_force import (
     begin_interval,
@@ -136,14 +137,60 @@ def expected_turn(imu, cursor, until, nav):
 
 
 @kernel
+def _bend(nav, axes, out):
+    """Share of the second order in errors of gyro biases, and out (3, 3): they are db + (out theta) x db.
+
+    axes (3, 3): work space."""
+    share = where(tfg.is_plain(nav), 0.0, where(tfg.has_navigation_axes(nav), 1.0, 0.5))
+    tfg.bias_axes(nav, axes)
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = share * axes[j, i]
+    return share
+
+
+@kernel
+def _carry_over(changes, more, nav, p):
+    """Where `changes`, move nav (NAV,) and P (n, n) by the moments of (more theta) x db, by which errors db of gyro
+    biases grow in other axes. more (3, 3). Exact for Gaussian errors: then it has no covariance with other states."""
+    turn, cross = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
+    for i in range(3):
+        for j in range(3):
+            cross[i, j] = 0.0
+            turn[i, j] = 0.0
+            for k in range(3):
+                cross[i, j] += more[i, k] * p[PHI_N + k, GYRO + j]
+                for l in range(3):
+                    turn[i, j] += more[i, k] * p[PHI_N + k, PHI_N + l] * more[j, l]
+    own, grown = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
+    for i in range(3):
+        for j in range(3):
+            own[i, j] = p[GYRO + i, GYRO + j]
+    for i in range(3):
+        a, b = (i + 1) % 3, (i + 2) % 3
+        nav[NAV_GYRO + i] += where(changes, cross[a, b] - cross[b, a], 0.0)
+        for j in range(i + 1):
+            c, d = (j + 1) % 3, (j + 2) % 3
+            # fourth moments of a Gaussian: products of two covariances
+            t = turn[a, c] * own[b, d] + cross[a, d] * cross[c, b]
+            t -= turn[a, d] * own[b, c] + cross[a, c] * cross[d, b]
+            t -= turn[b, c] * own[a, d] + cross[b, d] * cross[c, a]
+            grown[i, j] = t + turn[b, d] * own[a, c] + cross[b, c] * cross[d, a]
+    for i in range(3):
+        for j in range(3):
+            t = grown[i, j] if i >= j else grown[j, i]
+            p[GYRO + i, GYRO + j] += where(changes, t, 0.0)
+
+
+@kernel
 def _set_bias_axes(nav, p, before, dt, axes):
     """Set the axes of the bias errors after the body's turn in dt (s) since the attitude `before` (4,).
 
     In straight flight, once the level gyro biases are known, errors of gyro biases have fixed navigation axes. Before a
     turn the filter knows the level biases well, the vertical one badly. Axes that turned with the body would add half
     of heading error x turn x vertical bias to the level ones. So the turn is held back until heading is known. If the
-    aircraft is then banked, bias errors become plain, since the vertical bias also changes tilt in a bank. axes (3, 3):
-    work space.
+    aircraft is then banked, bias errors become plain, since the vertical bias also changes tilt in a bank. Moments of
+    gyro biases are carried over to other axes to second order. axes (3, 3): work space.
     """
     held, q = nav[NAV_BIAS_FRAME:NAV_SENSORS], nav[NAV_QUAT:NAV_BIAS_FRAME]
     # the conjugate of the attitude before, times that of now
@@ -152,9 +199,15 @@ def _set_bias_axes(nav, p, before, dt, axes):
     y = before[0] * q[2] + before[1] * q[3] - before[2] * q[0] - before[3] * q[1]
     z = before[0] * q[3] - before[1] * q[2] + before[2] * q[1] - before[3] * q[0]
     turning = 4.0 * (x * x + y * y) > (_FREEZE_RATE * dt) * (_FREEZE_RATE * dt)
-    turned = turning | (abs(held[1]) + abs(held[2]) + abs(held[3]) > 0.0)
+    was_turned = abs(held[1]) + abs(held[2]) + abs(held[3]) > 0.0
+    turned = turning | was_turned
     plain = tfg.is_plain(nav)
-    variance = small_vector(nav, 3)
+    variance, now = small_vector(nav, 3), small_vector(nav, 4)
+    old, new = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
+    copy(q, now)
+    copy(before, q)
+    share = _bend(nav, axes, old)
+    copy(now, q)
     tfg.bias_axes(nav, axes)
     for i in range(3):
         variance[i] = 0.0
@@ -181,6 +234,12 @@ def _set_bias_axes(nav, p, before, dt, axes):
     held[1] = where(plain, 0.0, where(turns, a * x + b * w + c * z - d * y, where(holds, b, 0.0)))
     held[2] = where(plain, 0.0, where(turns, a * y - b * z + c * w + d * x, where(holds, c, 0.0)))
     held[3] = where(plain, 0.0, where(turns, a * z + b * y - c * x + d * w, where(holds, d, 0.0)))
+    changes = (share != _bend(nav, axes, new)) | (was_turned & no(holds))
+    if any_lane(changes):
+        for i in range(3):
+            for j in range(3):
+                new[i, j] -= old[i, j]
+        _carry_over(changes, new, nav, p)
 
 
 @kernel

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -18,7 +20,7 @@ from navsim.filter.states import GYRO, N_BASE, NAV_BIAS_FRAME, NAV_N, NAV_QUAT, 
 from navsim.simulation.flight import exact_start
 from tests.helpers import case
 from tests.unit.test_covariance import error, some_covariance
-from tests.unit.test_group_filters import retract, workshop
+from tests.unit.test_group_filters import FIXED, bias_axes, retract, rotation, workshop
 from tests.unit.test_group_filters import start as some_state
 
 WIDEST = np.radians(4.5)
@@ -293,6 +295,44 @@ def test_a_turn_is_held_back_until_heading_is_known() -> None:
     # where the unknown bias is not the vertical one, axes are not held, but plain errors remain
     np.testing.assert_array_equal(after(body, bank, 0.2, unknown, 0.4), body)
     np.testing.assert_array_equal(after(plain, bank, 0.2, unknown, 0.4), plain)
+
+
+@pytest.mark.parametrize(("heading", "kind", "stored", "turn"), [
+    (0.02, FIXED, [-1.0, 0.0, 0.0, 0.0], [0.0, 0.05, 0.0]),
+    (0.002, FIXED, [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+    (0.002, "tfg", [0.995, 0.1, 0.0, 0.0], [0.0, 0.0, 0.0]),
+    (0.01, "tfg", [0.995, 0.1, 0.0, 0.0], [0.0, 0.0, 0.0]),
+])  # fmt: skip
+def test_other_axes_keep_the_moments_of_gyro_biases(
+    heading: float, kind: str, stored: list[float], turn: list[float]
+) -> None:
+    """Turns begin and end, in a bank or not: points of the errors in the old axes have in the new ones the mean by
+    which the estimate moves, and the covariance."""
+    nav, factor, root = centre(), np.zeros((N_BASE, 3)), np.sqrt(3.0)
+    nav[NAV_BIAS_FRAME:NAV_SENSORS] = np.array(stored) / np.linalg.norm(stored)
+    factor[PHI_N : PHI_D + 1] = [[1e-3, 2e-3, 0.0], [2e-3, 0.0, 1e-3], [0.8 * heading, 0.0, 0.6 * heading]]
+    factor[GYRO : GYRO + 3] = bias_axes(nav).as_matrix().T @ [[0.0, 3e-8, 1e-8], [0.0, 0.0, 2e-8], [1e-3, 0.0, 0.0]]
+    # three-point rule of Gauss and Hermite: exact for fourth moments
+    points = [
+        (z, np.prod(w))
+        for z, w in zip(product((0.0, root, -root), repeat=3), product((4 / 6, 1 / 6, 1 / 6), repeat=3), strict=True)
+    ]
+    p, before, turned = factor @ factor.T, nav.copy(), Rotation.from_rotvec(turn)
+    nav[NAV_QUAT:NAV_BIAS_FRAME] = (rotation(nav) * turned).as_quat(scalar_first=True)
+    old, grown = nav.copy(), p.copy()
+    gaussian_sum._set_bias_axes(nav, grown, before[NAV_QUAT:NAV_BIAS_FRAME].copy(), 0.1, np.empty((3, 3)))
+    old[NAV_BIAS_FRAME:NAV_SENSORS] = nav[NAV_BIAS_FRAME:NAV_SENSORS]
+    found = []
+    for z, _ in points:
+        truth = retract(kind, before, factor @ z)
+        truth[NAV_QUAT:NAV_BIAS_FRAME] = (rotation(truth) * turned).as_quat(scalar_first=True)
+        found.append(own(truth, old)[GYRO : GYRO + 3])
+    weights, x = np.array([w for _, w in points]), np.array(found)
+    mean, level = weights @ x, bias_axes(before).as_matrix()[:2]
+    wanted = (x - mean).T @ (weights[:, None] * (x - mean)) - (factor @ factor.T)[GYRO : GYRO + 3, GYRO : GYRO + 3]
+    wanted, more = (level @ m @ level.T for m in (wanted, (grown - p)[GYRO : GYRO + 3, GYRO : GYRO + 3]))
+    np.testing.assert_allclose((nav - old)[NAV_SENSORS : NAV_SENSORS + 3], mean, atol=1e-3 * abs(mean).max())
+    np.testing.assert_allclose(more, wanted, atol=0.02 * abs(wanted).max())
 
 
 def test_the_exponential() -> None:
