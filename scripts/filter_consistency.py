@@ -28,7 +28,7 @@ import measured
 import numpy as np
 from scipy.stats import chi2
 
-from navsim.filter.states import GYRO, N_BASE, NAMES, PHI_D, display_name
+from navsim.filter.states import GYRO, N_BASE, NAMES, PHI_D, SLICES, display_name
 from navsim.landing.study import Case, fly_all, prepare
 from navsim.runner.executor import threads
 from navsim.scenario.load import read
@@ -56,8 +56,8 @@ NOMINAL = 0.1
 FAR = 6.0
 """Heading error, in its sigma, that a run should never have."""
 LARGEST_Z, LARGEST_NEES, LARGEST_SHARE = 1.2, 1.15, 0.5
-"""Largest z of any state, NEES/n, and share beyond its 99.9 % limit, %, with which sigma counts as large enough. Of 300
-runs of a consistent filter the largest of all z is about 1.12."""
+"""Largest z of any state, NEES/n, and share beyond its 99.9 % limit, %, with which sigma counts as not much too small.
+Of 300 runs of a consistent filter the largest of all z is about 1.12."""
 
 OFF = "filter.steady_force=false"
 DEFAULT = "gaussian-sum"
@@ -107,7 +107,6 @@ FIXES: dict[str, tuple[str, tuple[str, ...]]] = {
     "A, pitch held": ("landing_gnss_only", (*A, LEVEL)),
     "B, nose follows the path": ("landing_gnss_only", B),
     "C, nose follows the path": ("landing_gnss_only", C),
-    "A, s_turn": ("s_turn", A),
 }
 
 
@@ -138,7 +137,7 @@ def noisier(name: str, factor: float) -> tuple[str, ...]:
 @cache
 def studies() -> dict[str, Study]:
     """All cases by their labels, the most wanted first."""
-    plain = {name: Study(name, name, (), smoothed=name == "landing") for name in (*MAIN, *OTHERS)}
+    plain = {name: Study(name, name, (), smoothed=name in ("landing", "s_turn")) for name in (*MAIN, *OTHERS)}
     noisy = [
         Study(label, name, noisier(name, factor))
         for name in (*MAIN, *OTHERS)
@@ -338,10 +337,10 @@ def together(found: Sequence[Piece]) -> Found | None:
     return out
 
 
-def finished(label: str, kind: str) -> Found | None:
-    """All whole pieces of a row that are finished with every seed of the page."""
+def finished(label: str, kind: str, most: int = RUNS) -> Found | None:
+    """All whole pieces of a row that are finished with every seed of the page, of the first runs of each seed."""
     rows: list[Piece] = []
-    for first in range(0, RUNS, PIECE):
+    for first in range(0, most, PIECE):
         each = [(label, kind, seed, first, PIECE) for seed in SEEDS]
         if not all(stored_at(*piece).exists() for piece in each):
             break
@@ -355,7 +354,8 @@ class Row:
 
     least_z, largest_z: of any state at any of the times. heading_*: at `CORNER`; no_fixes_deg: RMS error there without
     fixes. nees: by the number of states. beyond: share of NEES beyond its 99.9 % limit, %. far: runs with a heading
-    error beyond `FAR` sigma; furthest: the largest, in its sigma.
+    error beyond `FAR` sigma; furthest: the largest, in its sigma. motion_*: the z of position or velocity that is
+    furthest from 1.
     """
 
     case: str
@@ -378,22 +378,30 @@ class Row:
     beyond_sampling: float
     far: int
     furthest: float
+    motion_z: float
+    motion_z_sampling: float
+    motion_z_at: str
     commit: str
 
     @classmethod
     def of(cls, case: str, kind: str, found: Found, commit: str = "") -> Row:
         """The row of these sums."""
         z, spread = found.z, found.spread
-        extremes: list[float | str] = []
-        for k, state in (np.unravel_index(flat, z.shape) for flat in (z.argmin(), z.argmax())):
-            extremes += [z[k, state], spread[k, state], f"{display_name(NAMES[state])} {found.time[k]:.0f} s"]
+
+        motion = np.zeros(N_BASE, dtype=bool)
+        motion[SLICES["position"]] = motion[SLICES["velocity"]] = True
+        of_motion = np.where(motion, np.abs(z - 1.0), 0.0)
+        extremes: list[list[float | str]] = []
+        for k, state in (np.unravel_index(flat, z.shape) for flat in (z.argmin(), z.argmax(), of_motion.argmax())):
+            extremes.append([z[k, state], spread[k, state], f"{display_name(NAMES[state])} {found.time[k]:.0f} s"])
         corner = int(np.argmin(np.abs(found.time - CORNER)))
         degrees = np.degrees(np.sqrt(found.heading[:, corner] / found.runs))
         if studies()[case].name not in STRAIGHT:
             degrees[2] = np.nan
         numbers = (
-            *extremes, z[corner, PHI_D], spread[corner, PHI_D], *degrees, *_mean(found.nees),
+            *extremes[0], *extremes[1], z[corner, PHI_D], spread[corner, PHI_D], *degrees, *_mean(found.nees),
             *_mean(100.0 * found.beyond), int((found.furthest > FAR).sum()), found.furthest.max(),
+            *extremes[2],
         )  # fmt: skip
         return cls.read([case, kind, str(found.runs), *map(_digits, numbers), commit])
 
@@ -418,17 +426,36 @@ class Row:
 
     @property
     def is_large_enough(self) -> bool:
-        """Whether sigma is: for each state, on average, and for large errors."""
+        """Whether sigma is not much too small: for each state, on average, and for large errors."""
         return self.largest_z <= LARGEST_Z and self.nees <= LARGEST_NEES and self.beyond <= LARGEST_SHARE
 
-    def outside(self) -> list[str]:
-        """States outside of what is asked for by more than 3 sigma of the sampling: extremes alone."""
-        over = self.largest_z - HIGH > 3.0 * self.largest_z_sampling
-        under = LOW - self.least_z > 3.0 * self.least_z_sampling
-        return [
-            *([f"{self.largest_z_at} {self.largest_z:.2f} ± {self.largest_z_sampling:.2f}"] if over else []),
-            *([f"{self.least_z_at} {self.least_z:.2f} ± {self.least_z_sampling:.2f}"] if under else []),
+    def outside(self, errors: float = 3.0, motion: bool = False) -> list[str]:
+        """Extreme z, of all states or of position and velocity, outside of what is asked for by more than so many
+        sigma of the sampling."""
+        each = [
+            (self.largest_z, self.largest_z_sampling, self.largest_z_at),
+            (self.least_z, self.least_z_sampling, self.least_z_at),
         ]
+        return [
+            f"{at} {z:.2f} ± {sampling:.2f}"
+            for z, sampling, at in ([(self.motion_z, self.motion_z_sampling, self.motion_z_at)] if motion else each)
+            if not LOW - errors * sampling <= z <= HIGH + errors * sampling
+        ]
+
+
+def most_runs(rows: Sequence[Row], least: bool = False) -> list[Row]:
+    """The row with the most runs of each case and kind, or with the least: all kinds of a case have these runs."""
+    best: dict[tuple[str, str], Row] = {}
+    for row in rows:
+        other = best.setdefault((row.case, row.kind), row)
+        if (row.runs < other.runs) if least else (row.runs > other.runs):
+            best[row.case, row.kind] = row
+    return list(best.values())
+
+
+def span(values: Sequence[object]) -> str:
+    """The smallest and the largest of values, or the only one."""
+    return " to ".join(dict.fromkeys(map(str, (min(values), max(values)))))  # type: ignore[type-var]
 
 
 def _mean(of_runs: np.ndarray) -> tuple[float, float]:
@@ -459,7 +486,7 @@ def table(rows: Sequence[Row]) -> list[str]:
 
 
 def kinds_table(rows: Sequence[Row]) -> list[str]:
-    """All cases by kinds: largest z and NEES, bold where sigma is large enough."""
+    """All cases by kinds: largest z and NEES, bold where sigma is not much too small."""
     found = {(row.case, row.kind): row for row in rows}
     lines = [f"| case | {' | '.join(f'`{kind}`' for kind in KINDS)} |", f"|{'---|' * (1 + len(KINDS))}"]
     for case in dict.fromkeys(row.case for row in rows):
@@ -504,21 +531,24 @@ def listed(subject: str, found: Sequence[tuple[str, str]]) -> list[str]:
 
 def results(rows: Sequence[Row]) -> list[str]:
     """A paragraph for each result, computed from the rows."""
-    own = [row for row in rows if row.kind == DEFAULT]
-    shipped = [row for row in rows if row.case == row.study.name]
+    own, alike = [row for row in most_runs(rows) if row.kind == DEFAULT], most_runs(rows, least=True)
+    shipped = [row for row in alike if row.case == row.study.name]
     kinds = [
         "| kind | z of heading, shipped scenarios | z by noise of the accelerometers × 0.1, 1, 3 | RMS, ° | σ, ° "
         "| no fixes, ° |",
         "|---|---|---|---|---|---|",
     ]
-    landings = {row.kind: row for row in rows if row.case == "landing"}
+    landings = {row.kind: row for row in alike if row.case == "landing"}
     for kind in KINDS:
-        each = sorted({f"{row.heading_z:.2f}" for row in shipped if row.kind == kind})
-        noises = ", ".join(at_corner(rows, label, kind) for label in NOISY_LANDINGS)
+        each = [f"{row.heading_z:.2f}" for row in shipped if row.kind == kind]
+        noises = ", ".join(at_corner(alike, label, kind) for label in NOISY_LANDINGS)
         one = landings.get(kind)
         degrees = [f"{x:.1f}" for x in (one.heading_rms_deg, one.heading_sigma_deg, one.no_fixes_deg)] if one else []
-        kinds.append(measured.row(f"`{kind}`", " to ".join(dict.fromkeys(each[:1] + each[-1:])), noises, *degrees))
+        kinds.append(measured.row(f"`{kind}`", span(each), noises, *degrees))
     outside = [(row.case, ", ".join(row.outside())) for row in own if row.outside()]
+    inside = [[row for row in own if not row.outside(0.0, motion)] for motion in (False, True)]
+    motion = [(row.case, ", ".join(row.outside(motion=True))) for row in own if row.outside(motion=True)]
+    margin = span([f"{3.0 / np.sqrt(2.0 * row.runs):.2f}" for row in own])
     above = [
         (row.case, f"{row.heading_rms_deg:.1f}° against {row.no_fixes_deg:.1f}°")
         for row in own
@@ -533,21 +563,25 @@ def results(rows: Sequence[Row]) -> list[str]:
     ]
     far = [(row.case, f"{row.far} of {row.runs}") for row in own if row.far]
     better = []
-    for row in own:
-        beside = [rival for rival in rows if rival.case == row.case and rival.kind in PUBLISHED]
+    for row in (row for row in alike if row.kind == DEFAULT):
+        beside = [rival for rival in alike if rival.case == row.case and rival.kind in PUBLISHED]
         best = min(beside, key=lambda rival: rival.departure, default=row)
         if round(best.departure, 2) < round(row.departure, 2):
             better.append((row.case, f"`{best.kind}`: {best.departure:.2f} against {row.departure:.2f}"))
     return [
-        f"**Heading** at {CORNER:g} s, before the turn. The first column has the smallest and the largest z of the",
-        "shipped scenarios; the other columns are those of `landing`. Straight flight does not show heading, so errors",
-        "should equal those without fixes.",
+        f"**Heading** at {CORNER:g} s, before the turn; from the second column on of `landing`. Straight flight does",
+        "not show heading, so errors should equal those without fixes.",
         "",
         *kinds,
         "",
-        f"**Every state.** Each z of `{DEFAULT}` should be between {LOW} and {HIGH}. In {len(own) - len(outside)} of",
-        f"{len(own)} cases every z is, apart from chance (3 sigma of the sampling).",
-        *listed("Cases with another z, and its state", outside),
+        f"**Every state.** Each z of `{DEFAULT}` should be between {LOW} and {HIGH}. In {len(inside[0])} of {len(own)}",
+        f"cases each is. In {len(own) - len(outside) - len(inside[0])} others z leaves this range by at most 3 "
+        f"standard errors ({margin}).",
+        *listed("Cases further outside", outside),
+        "",
+        f"**Position and velocity.** Each of their z is in this range in {len(inside[1])} cases, and leaves it by at",
+        f"most 3 standard errors in {len(own) - len(motion) - len(inside[1])} others.",
+        *listed("Cases further outside", motion),
         "",
         *listed(f"Cases in which fixes make heading errors of `{DEFAULT}` larger by more than 2 sigma", above),
         "",
@@ -565,18 +599,22 @@ def results(rows: Sequence[Row]) -> list[str]:
 
 
 def whole_rows(commit: str) -> list[Row]:
-    """The rows that are finished with this code, else those of the CSV; writes the CSV."""
-    kept = {(row.case, row.kind): row for row in read_table()}
-    rows = []
+    """The rows that are finished with this code, else those of the CSV; writes the CSV. A kind with more runs than
+    others of its case has a second row, of as many runs as all have."""
+    kept, rows, own = read_table(), [], commit.split("`")[1]
     for case, study in studies().items():
+        found = {kind: sums for kind in study.kinds if (sums := finished(case, kind)) is not None}
+        alike = min((sums.runs for sums in found.values()), default=0) // len(SEEDS)
         for kind in study.kinds:
-            if (found := finished(case, kind)) is not None:
-                rows.append(Row.of(case, kind, found, commit.split("`")[1]))
-            elif (case, kind) in kept:
-                rows.append(kept[case, kind])
+            if kind not in found:
+                rows += [row for row in kept if (row.case, row.kind) == (case, kind)]
+                continue
+            rows.append(Row.of(case, kind, found[kind], own))
+            if (first := finished(case, kind, alike)) is not None and first.runs < rows[-1].runs:
+                rows.append(Row.of(case, kind, first, own))
     before, now = PAGE.stored() or {}, probe()
-    alike = before.keys() & now.keys()
-    changed = measured.differences({key: before[key] for key in alike}, {key: now[key] for key in alike})
+    both = before.keys() & now.keys()
+    changed = measured.differences({key: before[key] for key in both}, {key: now[key] for key in both})
     if changed and any(row.commit not in commit for row in rows):
         sys.exit("\n".join(["the CSV has rows of other code; make them anew:", *changed]))
     with TABLE.open("w", encoding="utf-8", newline="") as file:
@@ -586,17 +624,19 @@ def whole_rows(commit: str) -> list[Row]:
 
 
 def read_table() -> list[Row]:
-    """The rows of the CSV; none without it."""
+    """The rows of the CSV; none without it, or where it has other columns."""
     if not TABLE.exists():
         return []
     with TABLE.open(encoding="utf-8", newline="") as file:
-        return [Row.read(cells) for cells in list(csv.reader(file))[1:]]
+        head, *rows = csv.reader(file)
+    return [Row.read(cells) for cells in rows] if head == [field.name for field in fields(Row)] else []
 
 
 def page(rows: Sequence[Row]) -> list[str]:
     """The page of these rows."""
-    runs = [[row.runs for row in rows if (row.kind == DEFAULT) == mine] for mine in (True, False)]
-    own, others = (" to ".join(dict.fromkeys((str(min(each)), str(max(each))))) for each in runs)
+    full, alike = most_runs(rows), most_runs(rows, least=True)
+    own, others = span([row.runs for row in full if row.kind == DEFAULT]), span([row.runs for row in alike])
+    scenarios = len({row.study.name for row in rows})
     table_of = "[filter-consistency.csv](filter-consistency.csv)"
     return [
         "# Consistency of the filter kinds, measured",
@@ -604,10 +644,9 @@ def page(rows: Sequence[Row]) -> list[str]:
         "This page compares the errors of navsim's default filter, and of published filters, with the filter's σ,",
         "state by state ([may I trust σ?](sigma.md)).",
         "",
-        f"Each case has {own} runs of `{DEFAULT}` and {others} of each other kind.",
-        f"{table_of} has a row for each case and kind, with sampling errors and the commit.",
-        "",
-        "Two rows in a minute: `python scripts/filter_consistency.py --runs 20 --cases landing --kinds eskf tfg`",
+        f"Kinds are compared by the same {others} runs of a case; other results of `{DEFAULT}` are of {own} runs.",
+        f"The {len({row.case for row in rows})} cases are {scenarios} scenarios and variants of them, some much alike.",
+        f"{table_of} has every row, with sampling errors and the commit.",
         "",
         "## Results",
         "",
@@ -616,8 +655,7 @@ def page(rows: Sequence[Row]) -> list[str]:
         "",
         "## Method",
         "",
-        "All kinds fly the same runs, the default further ones, so columns without fixes differ. No setting was",
-        "chosen by these seeds.",
+        "No setting was chosen by these seeds.",
         "",
         "| word | meaning |",
         "|---|---|",
@@ -642,18 +680,18 @@ def page(rows: Sequence[Row]) -> list[str]:
         "",
         "## Every kind",
         "",
-        "Largest z; NEES/n. In **bold** cells σ is large enough:",
+        f"Largest z; NEES/n, of the same {others} runs. In **bold** cells σ is not much too small:",
         f"no z above {LARGEST_Z}, NEES/n at most {LARGEST_NEES}, at most {LARGEST_SHARE} % of NEES beyond its limit.",
         "",
-        *kinds_table([row for row in rows if row.kind in KINDS]),
+        *kinds_table([row for row in alike if row.kind in KINDS]),
         "",
         f"## `{DEFAULT}`",
         "",
-        *table([row for row in rows if row.kind == DEFAULT]),
+        *table([row for row in full if row.kind == DEFAULT]),
         "",
         "## Smoothers",
         "",
-        *table([row for row in rows if row.kind in SMOOTHERS]),
+        *table([row for row in full if row.kind in SMOOTHERS]),
     ]
 
 
