@@ -66,7 +66,8 @@ def findings(
         if aid.kind == BEACON:
             rejected, weighed = int(np.sum(own.status == REJECTED)), int(np.sum(own.status != NOT_USED))
             out += rejected_of(aid.name, rejected, weighed, recording.scenario.filter.gate.probability)
-    return out + _inconsistent(result) + _tied(result) + failed_prediction(result)
+    tied = _tied(result)
+    return out + _inconsistent(result, of_positions=not tied) + tied + failed_prediction(result)
 
 
 def _tied(result: Result) -> list[Finding]:
@@ -112,24 +113,31 @@ def failed_prediction(result: Result) -> list[Finding]:
     return [Finding("prediction", text, against, sum(map(len, wrong.values())), len(verdicts))]
 
 
-def _inconsistent(result: Result) -> list[Finding]:
-    """Finding of innovations whose squares exceed `LARGEST_NIS` by more than their number explains, in the group of
-    fixes where they exceed it most.
+def _inconsistent(result: Result, of_positions: bool = True) -> list[Finding]:
+    """Finding of innovations whose squares exceed `LARGEST_NIS` by more than their number explains, where they exceed
+    it most: in which group of fixes, and of positions, velocities or both, since small ones of one hide the other's.
 
-    `of_flight` reports larger ones for their size alone.
+    `of_flight` reports larger ones for their size alone. of_positions: whether positions are judged by themselves.
     """
     degrees = result["/innovations/degrees"]
-    names, freedom = result["/summary/motion"], result["/summary/degrees_of_freedom"].tolist()
-    nis = dict(zip(names, result["/summary/nis"].tolist(), strict=True))
-    excess = {name: nis[name] / (LARGEST_NIS * limit(own) / DOUBTED)
-              for name, own in zip(names, freedom, strict=True) if own}  # fmt: skip
-    group = max(excess, key=lambda name: excess[name], default="all")
-    if not excess.get(group, 0.0) > 1.0 or nis["all"] > limit(float(degrees.sum())):
+    if result["/summary/nis"][0] > limit(float(degrees.sum())):
         return []
+    both = result["/summary/degrees_of_freedom"]
+    positions = np.minimum(3 * result["/summary/motion_fixes"], both)
+    judged = {"": both, "_velocity": both - positions, "_position": positions * of_positions}
+    found = [
+        (float(nis) / (LARGEST_NIS * limit(float(own)) / DOUBTED), float(nis), name, str(group))
+        for name, freedom in judged.items()
+        for group, own, nis in zip(result["/summary/motion"], freedom, result[f"/summary/nis{name}"], strict=True)
+        if own and np.isfinite(nis)
+    ]
+    excess, nis, name, group = max(found, default=(0.0, 0.0, "", ""))
+    if not excess > 1.0:
+        return []
+    key = "position_sigma_m" if name == "_position" else "velocity_sigma_m_s, or leave it out so that it is tuned"
     text = (
-        f"the innovations of {group} fixes have a NIS of {nis[group]:.2f} per degree of freedom where 1 is due. The "
-        "filter trusts its fixes and sensors too much, and its sigmas are too small. Give "
-        "gnss.velocity_sigma_m_s, or leave it out so that it is tuned"
+        f"the {name[1:]}{name and ' '}innovations of {group} fixes have a NIS of {nis:.2f} per degree of freedom where "
+        "1 is due. The filter trusts its fixes and sensors too much, and its sigmas are too small. Give gnss." + key
     )
     return [Finding("innovations", text, (CONSISTENT,), int(degrees.astype(bool).sum()), degrees.size)]
 

@@ -693,13 +693,21 @@ def test_a_rejected_fix_counts_by_its_own_noise(tmp_path: Path) -> None:
     assert without.surprise(every, counts) > seen.surprise(every, counts)
 
 
-@pytest.mark.parametrize(("degrees", "told"), [(3, False), (300, True)])
-def test_a_few_large_innovations_are_no_finding(degrees: int, told: bool) -> None:
+@pytest.mark.parametrize(("fixes", "nis", "told"), [
+    (1, (3.17, 4.0, 3.17), None), (50, (3.17, 3.0, 3.4), ""), (50, (2.1, 4.0, 0.2), "position"),
+    (50, (2.1, 0.2, 4.0), "velocity"), (50, (1.7, 1.7, 1.7), None),
+])  # fmt: skip
+def test_a_few_large_innovations_are_no_finding(fixes: int, nis: tuple[float, ...], told: str | None) -> None:
+    """Many of positions, or of velocities, are: each by itself."""
     result = {
-        "/innovations/degrees": np.full(200, 3), "/summary/motion": np.array(["all", "straight"], dtype=object),
-        "/summary/nis": np.array([1.05, 3.17]), "/summary/degrees_of_freedom": np.array([600, degrees]),
+        "/innovations/degrees": np.full(200, 6), "/summary/motion": np.array(["all", "straight"], dtype=object),
+        "/summary/degrees_of_freedom": np.array([1200, 6 * fixes]), "/summary/motion_fixes": np.array([200, fixes]),
+        **{f"/summary/nis{of}": np.array([1.05, each])
+           for of, each in zip(("", "_position", "_velocity"), nis, strict=True)},
     }  # fmt: skip
-    assert bool(_inconsistent(result)) is told
+    found = _inconsistent(result)
+    assert [f"the {told} innovations of".replace("  ", " ") in one.text for one in found] == [True] * (told is not None)
+    assert not any("position" in one.text for one in _inconsistent(result, of_positions=False))
 
 
 @pytest.mark.parametrize(("position", "fixes", "origin", "told"), [
