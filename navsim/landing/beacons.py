@@ -245,34 +245,45 @@ def beacon_warnings(geometry: BeaconGeometry, glide: np.ndarray) -> list[str]:
         return out
     vdop = geometry.dop[glide, 2]
     if np.isnan(vdop).all():
-        few = "three" if geometry.sensor.clock is None else "four"
-        return [*out, Note(f"beacons: fewer than {few} are received at a time on the glide, or all in one line: their "
-                           "ranges alone give no position", BEACONS)]  # fmt: skip
-    largest = float(np.nanmax(vdop))
-    if largest > FLAT_VDOP:
-        plane, used = plane_of(ecef_from_llh(geometry.llh)), np.flatnonzero(glide)
-        flat = (
-            f"nearly in one plane ({plane.thickness:.1f} m thick, {plane.width:.0f} m wide, 1 sigma)"
-            if plane.is_flat
-            else "badly placed for it"
-        )
-        text = f"beacons: they hardly show the height on the glide: VDOP up to {digits(largest)}, above {FLAT_VDOP:g}"
-        text += f" at {np.sum(vdop > FLAT_VDOP)} of {np.sum(np.isfinite(vdop))} fix epochs; they are {flat}; "
-        east, north, up = np.moveaxis(geometry.away[glide], -1, 0)
-        under = (-up > np.hypot(east, north)).any()  # seen below 45 degrees: one stands there already
-        text += "put one much higher, " + ("" if under else "or one under the glide path, ")
-        text += "or keep another source of height. This is of the ranges alone; judge a layout by the filter's sigma"
-        out.append(Note(text, BEACONS))
-        height, residual = geometry.images(used[[0, -1]])
-        sensor = geometry.sensor
-        if (fits := residual < _SIGMAS * sensor.sigma).any():
-            places = [
-                f"{abs(h):.0f} m {'above' if h > 0.0 else 'below'} the aircraft where the glide {what}"
-                for h, what, fit in zip(height, ("begins", "ends"), fits, strict=True)
-                if fit
-            ]
-            out.append(Note(
-                f"beacons: the ranges have a mirror solution {' and '.join(places)}, and fit it within "
-                f"{residual[fits].max():.2f} m: a filter that starts from ranges alone may take it", BEACONS,
-            ))  # fmt: skip
+        return [*out, Note(f"beacons: {_no_position(geometry, glide)}: their ranges alone give no position", BEACONS)]
+    if float(np.nanmax(vdop)) > FLAT_VDOP:
+        out.append(Note(_flat(geometry, glide), BEACONS))
     return out
+
+
+def _no_position(geometry: BeaconGeometry, glide: np.ndarray) -> str:
+    """Why ranges of beacons give no position at any time of the glide, (e,) bool."""
+    one_way = geometry.sensor.clock is not None
+    needed, most = 3 + one_way, int(geometry.received[glide].sum(axis=1).max())
+    if most < needed:
+        return f"at most {most} of them are received at a time on the glide, and a position needs {needed}"
+    if one_way:
+        return ("seen from the glide they lie on one cone or in one plane, as two pairs do that mirror each other at "
+                "the vertical plane of the path, or four in one line; move one of them")  # fmt: skip
+    return "seen from the glide they lie in one plane, as all in one line do; move one of them out of it"
+
+
+def _flat(geometry: BeaconGeometry, glide: np.ndarray) -> str:
+    """That ranges of beacons hardly show the height on the glide, (e,) bool, why, and their mirror solution."""
+    vdop, plane = geometry.dop[glide, 2], plane_of(ecef_from_llh(geometry.llh))
+    many = f"{np.sum(vdop > FLAT_VDOP)} of {np.sum(np.isfinite(vdop))} fix epochs"
+    flat = (
+        f"nearly in one plane, {plane.thickness:.1f} m thick, {plane.width:.0f} m wide, 1 sigma"
+        if plane.is_flat
+        else "badly placed for it"
+    )
+    text = (f"beacons: their ranges alone hardly show the height on the glide: VDOP up to {digits(np.nanmax(vdop))}, "
+            f"above {FLAT_VDOP:g} at {many} ({flat})")  # fmt: skip
+    height, residual = geometry.images(np.flatnonzero(glide)[[0, -1]])
+    if (fits := residual < _SIGMAS * geometry.sensor.sigma).any():
+        places = [
+            f"{abs(h):.0f} m {'above' if h > 0.0 else 'below'} the aircraft where the glide {when}"
+            for h, when, fit in zip(height, ("begins", "ends"), fits, strict=True)
+            if fit
+        ]
+        text += (f", and a mirror solution {' and '.join(places)} fits them within {residual[fits].max():.2f} m, which "
+                 "counts if the filter starts from them alone")  # fmt: skip
+    east, north, up = np.moveaxis(geometry.away[glide], -1, 0)
+    under = (-up > np.hypot(east, north)).any()  # seen below 45 degrees: one stands there already
+    return (f"{text}. Judge the layout by the filter's sigma; if it is too large, put one much higher, "
+            f"{'' if under else 'or one under the glide path, '}or keep another source of height")  # fmt: skip

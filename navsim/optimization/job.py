@@ -83,7 +83,12 @@ class OptimizeJob:
         )
 
     def described(self) -> str:
-        return f"{self.section.objective} for {list(self.section.counts)} {self.section.placed}"
+        *fewer, most = self.section.counts
+        asked = f"{', '.join(map(str, fewer))} or " if fewer else ""
+        out = f"{self.section.objective} for {asked}{self.section.named(most)}"
+        if self.options.time_limit is None:
+            return f"{out}, until the search converges; --time-limit ends it earlier"
+        return f"{out}; the search ends after {self.options.time_limit:g} s at the latest, then navsim checks the best"
 
     def key(self) -> dict[str, object]:
         return optimize.partial_key(self.posed, self.options.seed)

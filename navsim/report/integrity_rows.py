@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from navsim.report.result_cells import RANGE, count_cell, setting, share_cell
 from navsim.report.table import ABSENT, Cell, Table, cell, number
+from navsim.results.priors import GROUP_PRIOR
 from navsim.results.result import Result
 
 
@@ -89,11 +91,21 @@ def _priors(result: Result) -> Cell | str:
     own = dict(section.get("p_constellations") or {})
     if section["method"] == "filter" and setting(result).get("beacons") is not None and "p_beacon" in section:
         own["beacon"] = section["p_beacon"]
+    own |= _groups(result, section)
     values = [one if isinstance(one, str) else float(one) for one in (*known, *own.values())]  # monitoring: a word
     named = ["", "", "", *(f"{name} " for name in own)]
     pattern = ", ".join(name + ("{}" if isinstance(one, str) else "{:.3g}")
                         for name, one in zip(named, values, strict=True))  # fmt: skip
     return Cell(pattern, tuple(values), names=("satellite", "system", "pseudolite", *own))
+
+
+def _groups(result: Result, section: dict[str, Any]) -> dict[str, float]:
+    """Probabilities that all transmitters of a group fail at once; section: `integrity`."""
+    if (given := section.get("ground_groups")) is not None:
+        return {" + ".join(group["members"]): group["prior"] for group in given}
+    kinds = ("pseudolites", "beacons") if section["method"] == "filter" else ("pseudolites",)
+    several = [kind for kind in kinds if f"/{kind}/name" in result and result[f"/{kind}/name"].size > 1]
+    return {f"all {kind}": GROUP_PRIOR for kind in several}
 
 
 def integrity_rows(table: Table, results: list[tuple[str, Result]]) -> None:

@@ -72,8 +72,12 @@ def _verdict(result: Result, statement: str, of: str = "") -> Cell | str:
         return ABSENT
     more = float("nan") if of else float(result[f"{branch}/more_runs"][i])
     out = verdict_cell(statement, word, interval, more, single(result), str(result.attributes["method"]))
-    controlled = not of and f"{branch}/plain_verdict" in result and str(result[f"{branch}/plain_verdict"][i])
-    return replace(out, pattern=f"{out.pattern}, by control variates") if controlled else out
+    how = ""
+    if str(result.attributes["method"]) == "covariance" and np.isfinite(interval[0]):
+        how = ", by analysis"
+    elif not of and f"{branch}/plain_verdict" in result and str(result[f"{branch}/plain_verdict"][i]):
+        how = ", by control variates"
+    return replace(out, pattern=out.pattern + how)
 
 
 def verdict_cell(

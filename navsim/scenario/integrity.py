@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from navsim.results.priors import GROUP_PRIOR
 from navsim.scenario.priors import PSEUDOLITES
 from navsim.scenario.sky import Name
 from navsim.scenario_files.base import DistinctListOf, FlightTime, ListOf, NonNegative, Section, reject
@@ -82,7 +83,7 @@ class GroundGroup(Section):
 
     members: Annotated[DistinctListOf[str], Field(min_length=1)]
     """names of the pseudolites or beacons of the group"""
-    prior: Prior = 1e-5
+    prior: Prior = GROUP_PRIOR
     """probability that the whole group is faulty"""
 
 

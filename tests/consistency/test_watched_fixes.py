@@ -587,4 +587,4 @@ def test_priors_of_pseudolites(given: str, prior: float, tmp_path: Path) -> None
     done = navsim("run", SCENARIOS / "landing.yaml", *settings, "--figures", "none", "-o", "p.h5", cwd=tmp_path)
     (row,) = (line for line in done.stdout.splitlines() if "prior: satellite, system, pseudolite" in line)
     shown = f"{prior:.3g}" if given[0].isdigit() else given
-    assert row.split("pseudolite")[1].strip().startswith(f"1e-05, 0.0001, {shown}, glonass")
+    assert row.split("pseudolite", 1)[1].strip() == f"1e-05, 0.0001, {shown}, glonass 1e-08, all pseudolites 1e-05"

@@ -22,6 +22,7 @@ from navsim.gnss.ranging_geometry import mirror_image
 from navsim.landing.beacons import second_order
 from navsim.landing.covariance import covariance_findings
 from navsim.landing.study import covariance_analysis, covariance_result
+from navsim.optimization.job import OptimizeJob
 from navsim.optimization.problem import problem
 from navsim.optimization.report import tables
 from navsim.optimization.scenario import Optimize
@@ -29,6 +30,7 @@ from navsim.optimization.study import dop_warnings, masts_above_glide, optimize_
 from navsim.report.table import Table
 from navsim.results.result import read
 from navsim.results.schema import HEIGHTS
+from navsim.runner.job import Options
 from navsim.scenario.load import read_study
 from navsim.scenario_files.source import InputError
 from navsim.sensors.beacons import Beacons
@@ -245,7 +247,10 @@ def test_a_search_chooses_the_best_sites(tmp_path: Path) -> None:
     rates = "receiver.rate_hz: 0.5, imu.rate_hz: 20"
     study.write_text(f"kind: optimize\nversion: 1\nbase: base.yaml\nset: {{{rates}}}\nbeacons: [3]\n"
                      f"objective: beacons_vdop\nsites: [{sites}]\n")  # fmt: skip
-    posed = problem(*read_study(study, Optimize, []))
+    asked, document, landing = read_study(study, Optimize, [])
+    posed = problem(asked, document, landing)
+    job = OptimizeJob(asked, document, Options(time_limit=300.0))
+    assert job.described().startswith("beacons_vdop for 3 beacons; the search ends after 300 s at the latest")
     outcome = solve(posed, 1)
     result = optimize_result(posed, outcome, 1)
     assert posed.beacons is not None
@@ -465,6 +470,25 @@ def test_curved_ranges_are_warned_of() -> None:
     assert not [text for text in more.warnings if "as linear in the position error" in text]
 
 
+CORNERS = "{s_m: -60, l1_m: 150}, {s_m: 60, l1_m: 150}, {s_m: -60, l1_m: -150}, {s_m: 60, l1_m: -150}"
+IN_LINE = "{s_m: 0, l1_m: 450}, {s_m: 0, l1_m: 150}, {s_m: 0, l1_m: -150}"
+
+
+@pytest.mark.parametrize(
+    ("keys", "sites", "cause"),
+    [
+        (["clock: {}"], CORNERS, "seen from the glide they lie on one cone"),
+        ([], IN_LINE, "seen from the glide they lie in one plane"),
+        (["clock: {}"], IN_LINE, "at most 3 of them are received at a time on the glide, and a position needs 4"),
+    ],
+    ids=["mirrored", "in line", "few"],
+)
+def test_why_ranges_give_no_position(keys: list[str], sites: str, cause: str) -> None:
+    """Mirrored pairs with an unknown clock, all in line, and too few."""
+    (said,) = (text for text in case(*BRIEF, section(*keys, sites=sites)).warnings if "no position" in text)
+    assert said.startswith(f"beacons: {cause}")
+
+
 def test_a_flat_layout_is_warned_of_and_shown(tmp_path: Any) -> None:
     """The warning names VDOP and the mirror solution; the result has both, and table and map show the beacons."""
     flat = "{s_m: 300, l1_m: 900}, {s_m: -250, l1_m: 400}, {s_m: 200, l1_m: -500}, {s_m: -200, l1_m: -500}"
@@ -472,9 +496,9 @@ def test_a_flat_layout_is_warned_of_and_shown(tmp_path: Any) -> None:
     done = navsim("run", SCENARIOS / "landing.yaml", "--set", "duration_s=30", "--set", "receiver.rate_hz=1", "--set",
                   section(sites=flat), "--method", "covariance", "-o", path, "--figures", "none",
                   cwd=tmp_path)  # fmt: skip
-    assert "beacons: they hardly show the height on the glide: VDOP" in done.stderr
+    assert "beacons: their ranges alone hardly show the height on the glide: VDOP" in done.stderr
     assert re.search(r"mirror solution \d+ m below the aircraft where the glide begins.*\[beacons\]", done.stderr)
-    assert list(read(path)["/findings/finding"]).count("beacons") == 2
+    assert list(read(path)["/findings/finding"]).count("beacons") == 1
     assert "VDOP, beacons" in done.stdout
     result = read(path)
     most = re.search(r"VDOP up to ([\d.]+),", done.stderr)
