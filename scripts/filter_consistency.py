@@ -604,10 +604,11 @@ def whole_rows(commit: str) -> list[Row]:
     kept, rows, own = read_table(), [], commit.split("`")[1]
     for case, study in studies().items():
         found = {kind: sums for kind in study.kinds if (sums := finished(case, kind)) is not None}
-        alike = min((sums.runs for sums in found.values()), default=0) // len(SEEDS)
+        old = [row for row in kept if row.case == case and row.kind in study.kinds and row.kind not in found]
+        alike = min([*(sums.runs for sums in found.values()), *(row.runs for row in old)], default=0) // len(SEEDS)
         for kind in study.kinds:
+            rows += [row for row in old if row.kind == kind]
             if kind not in found:
-                rows += [row for row in kept if (row.case, row.kind) == (case, kind)]
                 continue
             rows.append(Row.of(case, kind, found[kind], own))
             if (first := finished(case, kind, alike)) is not None and first.runs < rows[-1].runs:

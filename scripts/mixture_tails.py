@@ -222,8 +222,8 @@ def results(found: Sequence[Judged]) -> list[str]:
     return [
         f"The mixture predicts {predicted.min():.2f} to {predicted.max():.2f} %, runs show {observed.min():.2f} to "
         f"{observed.max():.2f} %. So it explains",
-        f"{explained.min():.0f} to {explained.max():.0f} % of the excess over {NOMINAL} %. The rest is an error of the "
-        "filter, apart from chance.",
+        f"{explained.min():.0f} to {explained.max():.0f} % of the excess over {NOMINAL} %. The rest is chance, or an "
+        "error of unknown cause.",
         "",
     ]
 

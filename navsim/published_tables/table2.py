@@ -262,7 +262,7 @@ def published_contradiction() -> tuple[float, float]:
     5."""
     none, one, two = (PUBLISHED_DOPS[i] for i in (0, 1, 4))
     change = float(np.dot(APART, none[1:] + 0.005))
-    return two_pseudolites_bound(none[0] - 0.005, one[0] - 0.005, change), two[0] + 0.005
+    return two_pseudolites_bound(none[0] + 0.005, one[0] - 0.005, change), two[0] + 0.005
 
 
 def relative_difference(computed: np.ndarray, published: np.ndarray) -> tuple[float, float]:

@@ -89,7 +89,9 @@ _HEIGHTS = (
     "Magnetic fields", "Magnetic declinations",
 )  # fmt: skip
 _CIRCUIT = ("The landing circuit: position, azimuth, range and their derivatives",)
-_ONE_GAUSSIAN = "Sigma and estimates of `gaussian-sum` where one Gaussian is enough, with `filter.steady_force`"
+_ONE_GAUSSIAN = (
+    "Sigma and estimates of `gaussian-sum` where one Gaussian, a `tfg` filter, is enough, with `filter.steady_force`"
+)
 JUDGES: Mapping[str, tuple[str, ...]] = {
     _LANDING: (*_EARTH, *_AIR, *_PATHS, *_PSEUDOLITES, *_BEACONS, *_HEIGHTS,
                "Coordinates of Table 1 of the landing paper", "Noise of range rates"),
@@ -257,6 +259,12 @@ UNCHECKED: Mapping[str, Callable[[Mapping[str, Any], Result], bool]] = {
         result.attributes.get("method") != "covariance"
         and filtered(scenario, result.attributes)
         and at(scenario, "filter", "kind") == "gaussian-sum"
+    ),
+    "late measurements": lambda scenario, result: (
+        filtered(scenario, result.attributes) and bool(at(scenario, "receiver", "latency_s"))
+    ),
+    "states for products of position errors near beacons": lambda scenario, result: (
+        filtered(scenario, result.attributes) and bool(at(scenario, "filter", "beacons", "second_order"))
     ),
     "filter states for time-correlated ranging errors, and their inflation": lambda scenario, result: (
         filtered(scenario, result.attributes) and _is_set(at(scenario, "signals", "errors"))

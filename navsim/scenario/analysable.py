@@ -47,8 +47,8 @@ def check_analysable(landing: Landing) -> None:
         raise reject(text, "imu", *further)
     if landing.filter.kind in SMOOTHERS:
         raise reject(
-            f"the covariance analysis, on which method rare rests too, is that of a filter, {landing.filter.kind} is "
-            "a smoother; use method monte-carlo, or another filter.kind",
+            f"{landing.filter.kind} is a smoother; the covariance analysis and method rare need a filter: use method "
+            "monte-carlo, or another filter.kind",
             "filter",
             "kind",
         )

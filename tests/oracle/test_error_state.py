@@ -157,8 +157,8 @@ def test_one_gaussian(flight: Case, coupling: str, steady: bool, within: Within)
     assert np.abs(judged.apart).max() < within["estimate"]
 
 
-@pytest.mark.validates("Sigma and estimates of `gaussian-sum` where one Gaussian is enough, with `filter.steady_force`",
-                       JUDGE, WHAT, sigma="1e-2", estimate="5e-2")  # fmt: skip
+@pytest.mark.validates("Sigma and estimates of `gaussian-sum` where one Gaussian, a `tfg` filter, is enough, with "
+                       "`filter.steady_force`", JUDGE, WHAT, sigma="1e-2", estimate="5e-2")  # fmt: skip
 @pytest.mark.parametrize("coupling", in_brief(["loose", "tight"], 1))
 def test_one_gaussian_is_enough(coupling: str, within: Within) -> None:
     judged = Evaluated(WELL_ALIGNED, "gaussian-sum", True, coupling)

@@ -153,7 +153,7 @@ def test_rejected_fixes_are_reported(place: Path) -> None:
         (("--set", "box.height_m=5000"), "the aircraft never comes down through 5000 m above the runway"),
         (
             ("--set", "filter.kind=rts"),
-            "on which method rare rests too, is that of a filter, rts is a smoother; use method monte-carlo, or",
+            "rts is a smoother; the covariance analysis and method rare need a filter: use method monte-carlo, or",
         ),
         (("--set", "box={lateral_m: .inf}"), "box.lateral_m: a finite number is needed, not .inf"),
         (("--set", "box={lateral_m: .nan}"), "box.lateral_m: a finite number is needed, not nan"),
