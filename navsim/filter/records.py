@@ -248,6 +248,11 @@ class ErrorHistory(NamedTuple):
     status: np.ndarray
     """(k,) see `History`."""
 
+    @property
+    def by_event(self) -> tuple[np.ndarray, ...]:
+        """Its arrays with a row for each event."""
+        return self.innovation, self.innovation_squared, self.degrees, self.status
+
     def of_events(self) -> History:
         """A history that shares the arrays of its events, without outputs and sigmas of innovations."""
         n, *lanes = self.sigma.shape[1:]

@@ -17,9 +17,9 @@ from navsim.simulation.filter_bank import FilterBank
 
 
 def watching(scenario: Landing, sources: SignalScenario) -> Monitoring | None:
-    """Monitor of a scenario; importance sampling has none."""
+    """Monitor of a scenario, if its runs have one."""
     section = scenario.integrity
-    if section is None or scenario.method == "rare":
+    if section is None or not scenario.monitored:
         return None
     names = sources.pseudolites.names
     of_filter = section.method == "filter"

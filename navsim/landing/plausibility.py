@@ -142,7 +142,7 @@ def _clock_in_seconds(scenario: Landing) -> Iterator[str]:
 def _free_clocks(scenario: Landing) -> Iterator[str]:
     """Clocks of pseudolites that leave their setting by more than fixes that are weighted each for itself make use
     of."""
-    section, monitor = scenario.pseudolites, None if scenario.method == "rare" else scenario.integrity
+    section, monitor = scenario.pseudolites, scenario.integrity if scenario.monitored else None
     excludes = monitor is not None and monitor.exclusion != "none"
     if scenario.filter.tight or not section.placed() or not (errors := section.errors()).wanders:
         return

@@ -36,6 +36,7 @@ from navsim.landing.ensemble import (
 )
 from navsim.landing.error_box import AXES, ErrorBox, box_of, to_first_order, where_limited
 from navsim.landing.result_groups import attributes
+from navsim.landing.total_errors import went_around
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, kept, several
 from navsim.results.result import Result
@@ -189,9 +190,9 @@ class RareStudy:
             still = np.array([not one.proposal.shifts[c].any() for one, c in zip(cycle(tilts), components)])
             own = {}
             if (histories := self.edge.histories) is not None:
-                drawn, some = [histories.drawn(self.seed, run) for run in runs], tilts[: len(runs)]
-                still &= [chain for _, _, chain in drawn]
-                own["history_log_weight"] = np.array([weight for _, weight, _ in drawn])
+                drawn, some = pushes.histories_of(runs), tilts[: len(runs)]
+                still &= [one.from_chain for one in drawn]
+                own["history_log_weight"] = np.array([one.log_weight for one in drawn])
                 own["mean"] = mean.T[: len(runs)]
                 own["sigma"] = np.sqrt([np.diagonal(one.proposal.covariance) for one in some])
                 own["chance"] = np.stack([histories.shifts.chances(one) for one in some])
@@ -206,6 +207,7 @@ class RareStudy:
                     "fixes": np.sum(~np.isnan(flown.fix_llh[..., 0]), axis=1),
                     "aided_rejected": of_aids(case, flown)["aided_rejected"],
                     **({"loop_gap": flown.loop_gap[:, 0]} if case.scenario.steered else {}),
+                    **({"go_around": flown.go_around} if case.scenario.breaks_off else {}),
                     **{f"fix_flaws_{part}": getattr(fixes, part) for part in FLAW_PARTS},
                     **{f"output_flaws_{part}": getattr(outputs, part) for part in FLAW_PARTS},
                 }
@@ -232,13 +234,22 @@ def fly_all(
 def probability(edge: LimitState, flown: Ensemble) -> tuple[np.ndarray, float, float]:
     """Probability of ending outside the box: value with its 95 % interval (3,), relative standard error, effective
     samples."""
-    outside = np.asarray(edge.box.beyond(flown.per_run("error")).any(axis=1))
-    return _share(edge, flown, outside, edge.box.lower, edge.box.upper)
+    return _share(edge, flown, np.any(_outside(edge, flown), axis=1), edge.box.lower, edge.box.upper)
+
+
+def _outside(edge: LimitState, flown: Ensemble) -> np.ndarray:
+    """Which errors of runs (run, 3) are outside; runs that have gone around end nowhere."""
+    return np.asarray(edge.box.beyond(flown.per_run("error")) & ~went_around(flown, edge.box.time)[:, None])
+
+
+def go_around_probability(edge: LimitState, flown: Ensemble) -> tuple[np.ndarray, float, float]:
+    """Probability that an alarm breaks a landing off, in the same form."""
+    return _share(edge, flown, went_around(flown), np.full(3, -np.inf), np.full(3, np.inf))
 
 
 def axis_probabilities(edge: LimitState, flown: Ensemble) -> list[tuple[np.ndarray, float, float]]:
     """Probability of exceeding each limit alone, in the same form."""
-    outside = edge.box.beyond(flown.per_run("error"))
+    outside = _outside(edge, flown)
     alone = np.eye(3, dtype=bool)
     lower, upper = np.where(alone, edge.box.lower, -np.inf), np.where(alone, edge.box.upper, np.inf)
     return [_share(edge, flown, *each) for each in zip(outside.T, lower, upper, strict=True)]
@@ -252,7 +263,9 @@ def _share(
     if edge.histories is not None:
         most = inside = edge.histories.most_weight * mix.most_weight
     else:
-        most, inside = mix.most_weight, mix.most_weight_between(lower - mean, upper - mean)
+        most = inside = mix.most_weight
+        if "go_around" not in flown.columns():  # other runs are within the limits
+            inside = mix.most_weight_between(lower - mean, upper - mean)
     return weighted_share(flown.per_run("log_weight"), outside, most, inside)
 
 
@@ -310,6 +323,8 @@ def findings(case: Case, edge: LimitState, flown: Ensemble) -> list[Finding]:
             f"{several(flown.runs, 'run')}{known}: its interval is a hint; fly more runs"
         )
         out.append(Finding("few_effective_samples", text, (), int(effective), flown.runs, flown.runs))
+    if case.scenario.breaks_off:
+        out += _of_go_arounds(edge, flown)
     off = not_linear(edge, flown)
     if off.max() > LINEAR:
         axis = AXES[np.flatnonzero(np.isfinite(edge.box.upper))[off.argmax()]]
@@ -319,6 +334,19 @@ def findings(case: Case, edge: LimitState, flown: Ensemble) -> list[Finding]:
         )
         out.append(Finding("not_linear", text, (), flown.runs, flown.runs, flown.runs))
     return out
+
+
+def _of_go_arounds(edge: LimitState, flown: Ensemble) -> list[Finding]:
+    """Finding about too few go-arounds. The pushes, to the edge of the box, hardly change how often there is one."""
+    (_, _, high), _, effective = go_around_probability(edge, flown)
+    if effective >= FEW:
+        return []
+    of = several(flown.runs, "run")
+    text = f"none of {of} went around: the probability of a go-around is below {high:.2g} (95 %)"
+    if effective > 0.0:
+        text = f"the probability of a go-around rests on {several(round(effective), 'effective sample')} of {of}"
+    text += "; pushed runs do not make them more frequent, method monte-carlo counts them"
+    return [Finding("few_go_arounds", text, (), int(effective), flown.runs, flown.runs)]
 
 
 def _rejections(case: Case, fixes: Flaws, flown: Ensemble) -> list[Finding]:
@@ -350,13 +378,15 @@ def not_linear(edge: LimitState, flown: Ensemble) -> np.ndarray:
     """Nonlinear part of the limited errors (k,): its standard deviation over shifted runs, relative to the first-order
     sigma. If fixes have a state, runs count as much as their histories lead outside to first order.
 
-    inf for errors that are not finite.
+    inf for errors that are not finite. Runs that have gone around do not count; nan if no other is left.
     """
-    some = np.isfinite(edge.box.upper)
-    off = (flown.per_run("error") - flown.per_run("first_order"))[:, some]
+    some, lands = np.isfinite(edge.box.upper), ~went_around(flown, edge.box.time)
+    if not lands.any():
+        return np.full(int(some.sum()), np.nan)
+    off = (flown.per_run("error") - flown.per_run("first_order"))[lands][:, some]
     if edge.histories is not None:
-        share = np.exp(flown.per_run("history_log_weight"))[:, None] * flown.per_run("chance")[:, some]
-        square = np.sum(share * (off / flown.per_run("sigma")[:, some]) ** 2, axis=0) / share.sum(axis=0)
+        share = np.exp(flown.per_run("history_log_weight")[lands])[:, None] * flown.per_run("chance")[lands][:, some]
+        square = np.sum(share * (off / flown.per_run("sigma")[lands][:, some]) ** 2, axis=0) / share.sum(axis=0)
         return np.where(np.isfinite(square), np.sqrt(square), np.inf)
     sigma = np.sqrt(np.diagonal(edge.tilt.proposal.covariance))[some]
     return np.where(np.isfinite(off).all(axis=0), off.std(axis=0), np.inf) / sigma
@@ -378,10 +408,10 @@ def result(case: Case, edge: LimitState, flown: Ensemble, seed: int) -> Result:
     """The result."""
     draft = ResultBuilder(RARE)
     error, log_weight, tilt = flown.per_run("error"), flown.per_run("log_weight"), edge.tilt
-    outside = edge.box.beyond(error)
+    outside = _outside(edge, flown)
     value, relative, effective = probability(edge, flown)
     draft["/run"] = np.arange(flown.first_run, flown.first_run + flown.runs)
-    draft["/rare/error"] = error
+    draft["/rare/error"] = np.where(went_around(flown, edge.box.time)[:, None], np.nan, error)
     draft["/rare/first_order"] = flown.per_run("first_order")
     draft["/rare/log_weight"] = log_weight
     to_first_order(draft, edge.box, tilt.mean, np.sqrt(np.diagonal(tilt.proposal.covariance)))
@@ -398,6 +428,10 @@ def result(case: Case, edge: LimitState, flown: Ensemble, seed: int) -> Result:
         ("outside", np.int64(outside.any(axis=1).sum())),
     ):
         draft[f"/summary/rare/{name}"] = data
+    if case.scenario.breaks_off:
+        draft["/rare/go_around_time"] = flown.per_run("go_around")[:, 0]
+        found = go_around_probability(edge, flown)
+        draft["/summary/rare/go_around"], draft["/summary/rare/go_around_effective_samples"] = found[0], found[2]
     draft["/summary/count/runs"] = np.int64(flown.runs)
     requirements.write_verdicts(draft, case, flown.runs)
     pack(draft, flown)

@@ -47,6 +47,7 @@ from navsim.scenario.requirements import (
 )
 from navsim.simulation.landing_covariance import folded_quantile
 from navsim.statistics import normal
+from navsim.statistics.importance_sampling import FEW
 
 if TYPE_CHECKING:
     from navsim.landing.controlled import Controls
@@ -103,10 +104,11 @@ UNKNOWN = np.full(3, np.nan)
 def unevaluated_by_importance_sampling(scenario: Landing) -> list[str]:
     """Warning about requirements that importance sampling cannot evaluate."""
     every = singles(scenario.requirements)
-    untold = [text + _statement(one)[0] for text, one in every if not isinstance(one, BoxRequirement)]
+    told = BoxRequirement, GoAroundRequirement
+    untold = [text + _statement(one)[0] for text, one in every if not isinstance(one, told)]
     if not untold:
         return []
-    text = "requirements: `--method rare` judges only the box. For these requirements use `--method monte-carlo`"
+    text = "requirements: `--method rare` judges the box and go-arounds alone; for others use `--method monte-carlo`"
     return [f"{text}: {'; '.join(untold)}"]
 
 
@@ -210,7 +212,11 @@ def _found(one: AnySingle, draft: ResultBuilder, case: Case, runs: int, moments:
     if isinstance(one, BoxRequirement):
         return _of_box(nothing, draft, runs)
     if draft.layout == RARE:
-        return nothing
+        if not isinstance(one, GoAroundRequirement):
+            return nothing
+        effective = float(draft["/summary/rare/go_around_effective_samples"])
+        few = 0.0 < effective < FEW
+        return nothing if few else _pushed(nothing, draft["/summary/rare/go_around"], runs)
     if isinstance(one, LevelRequirement):
         monitor = case.flight.monitor
         levels = None if monitor is None else tested_levels(monitor)[:, ("hpl", "vpl").index(one.of)]
@@ -302,15 +308,19 @@ def _counted(nothing: RequirementValue, count: int, runs: int) -> RequirementVal
     return replace(nothing, value=share_interval(count, runs), with_runs=with_runs)
 
 
+def _pushed(nothing: RequirementValue, value: np.ndarray, runs: int) -> RequirementValue:
+    """Value of a probability (3,) from pushed runs."""
+
+    def with_runs(n: int) -> np.ndarray:
+        reach = np.log(value[1:] / value[0]) * math.sqrt(runs / n)
+        return np.array([value[0], *(value[0] * np.exp(reach))])
+
+    return replace(nothing, value=value, with_runs=with_runs if np.isfinite(value).all() and value[1] > 0.0 else None)
+
+
 def _of_box(nothing: RequirementValue, draft: ResultBuilder, runs: int) -> RequirementValue:
     if draft.layout == RARE:
-        value = draft["/summary/rare/probability"]
-
-        def pushed(n: int) -> np.ndarray:
-            reach = np.log(value[1:] / value[0]) * math.sqrt(runs / n)
-            return np.array([value[0], *(value[0] * np.exp(reach))])
-
-        return replace(nothing, value=value, with_runs=pushed if np.isfinite(value).all() and value[1] > 0.0 else None)
+        return _pushed(nothing, draft["/summary/rare/probability"], runs)
     if draft.layout == COVARIANCE:  # between the most probable of its sides and the sum of all
         if "/summary/box/axis_first_order" not in draft:
             return nothing

@@ -31,6 +31,7 @@ _LEAST = 1e-12
 _COMMON = 0.1
 """Probabilities above this need no logarithm."""
 _POINTS = 300
+_GO_AROUND = "/summary/rare/go_around"
 
 
 def table(results: Sequence[tuple[str, Result]]) -> Table:
@@ -47,7 +48,12 @@ def table(results: Sequence[tuple[str, Result]]) -> Table:
     row("  any limit exceeded", lambda r: _probability(r["/summary/rare/probability"], _effective(r)))
     for i, axis in axes:
         row(f"  {axis}", lambda r, i=i: _of_axis(r, i))  # type: ignore[misc]
-    out.head("The same to first order", *(box_head(result, flown=False) for _, result in results))
+    if any(_GO_AROUND in result for _, result in results):
+        out.head("Go-around after an alarm", *("probability [95 %]" for _ in results))
+        row("  go-around", _of_go_arounds)
+        row("  effective samples", lambda r: cell("{:.0f}", float(r[f"{_GO_AROUND}_effective_samples"]))
+            if _GO_AROUND in r else ABSENT)  # fmt: skip
+    out.head("The same to first order", *(_without_alarms(result) for _, result in results))
     row("  any limit exceeded", lambda r: box_to_first_order(r, None))
     for i, axis in axes:
         row(f"  {axis}", lambda r, i=i: box_to_first_order(r, i))  # type: ignore[misc]
@@ -63,16 +69,27 @@ def table(results: Sequence[tuple[str, Result]]) -> Table:
     return out
 
 
-def _probability(values: np.ndarray, effective: float, beyond: str = "") -> Cell:
+def _of_go_arounds(result: Result) -> Cell | str:
+    if _GO_AROUND not in result:
+        return ABSENT
+    return _probability(result[_GO_AROUND], float(result[f"{_GO_AROUND}_effective_samples"]), event="going around")
+
+
+def _without_alarms(result: Result) -> str:
+    """Heading of probabilities to first order, which have no alarms."""
+    return box_head(result, flown=False) + (", without alarms" if _GO_AROUND in result else "")
+
+
+def _probability(values: np.ndarray, effective: float, beyond: str = "", event: str = "outside") -> Cell:
     value, low, high = map(float, values)
     few = f"  ({several(round(effective), 'effective sample')})" if effective < FEW else ""
     tails = "  (if tails are Gaussian)" if not value >= _FAR else ""
     if effective == 0.0:
-        return cell("none outside; below {:.2g}" + beyond, high, names=("below",))
+        return cell(f"none {event}; below {{:.2g}}" + beyond, high, names=("below",))
     if np.isnan(value):
         return cell("below {:.2g}" + beyond + tails + few, high, names=("below",))
     if value == 1.0:
-        return cell("all outside; above {:.3g}" + beyond + few, low, names=("above",))
+        return cell(f"all {event}; above {{:.3g}}" + beyond + few, low, names=("above",))
     pattern = "{:.3g}  [{:.3g}, {:.3g}]" + beyond + tails + few
     return Cell(pattern, (value, low, high), ends=True, names=("probability", "", ""))
 
@@ -146,7 +163,10 @@ def curve(result: Result, i: int) -> Exceedance:
     limit, centre = 0.5 * (limits[1] - limits[0]), middle(result, i)
     mean, sigma = (float(result[f"/summary/box/{name}"][i]) for name in ("axis_mean", "axis_sigma"))
     mean -= centre
-    x, chance, low, high = exceeded(result["/rare/error"][:, i] - centre, result["/rare/log_weight"])
+    error = result["/rare/error"][:, i] - centre
+    if _GO_AROUND in result:  # who goes around exceeds nothing
+        error = np.where(result["/rare/go_around_time"] < float(result["/summary/box/time"]), 0.0, error)
+    x, chance, low, high = exceeded(error, result["/rare/log_weight"])
     at_limit = float(result["/summary/rare/axis_probability"][i, 0]), float(result["/summary/box/axis_first_order"][i])
     least = min((p for p in at_limit if p > 0.0), default=_LEAST)
     required = min((one.limit for one in required_limits(result, "box")), default=math.inf)

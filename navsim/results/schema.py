@@ -690,6 +690,8 @@ _BOX = Chapter(
            "natural logarithm of the density of the run's inputs over that which they were drawn from", RARE),
         _a("/rare/history_log_weight", "run", "1", "the part of it that the states of the fixes have", RARE,
            when=_STATED),
+        _a("/rare/go_around_time", "run", "s", "begin of the run's go-around, nan for none; those that go around "
+           "before the time of the box have no error there", RARE, when=_BROKEN_OFF),
         *(
             _a(path, dims, units, meaning, layouts, of, when=dict.fromkeys(_FLOWN, _BOX_WHEN))
             for path, dims, units, meaning, layouts, of in (
@@ -735,6 +737,10 @@ _BOX = Chapter(
            "effective number of equally weighted runs outside the box", RARE),
         _a("/summary/rare/axis_effective_samples", "axis", "1", "number of equally weighted runs beyond the limit of "
            "each error, nan for none", RARE),
+        _a("/summary/rare/go_around", "interval", "1", "probability that an alarm breaks a landing off", RARE,
+           when=_BROKEN_OFF),
+        _a("/summary/rare/go_around_effective_samples", "", "1", "number of equally weighted runs that go around", RARE,
+           when=_BROKEN_OFF),
         _a("/summary/rare/landings", "", "1", "number of runs", RARE, WHOLE),
         _a("/summary/rare/outside", "", "1", "number of them outside the box", RARE, WHOLE),
         _a("/summary/count/runs", "", "1", "number of runs", RARE, WHOLE),

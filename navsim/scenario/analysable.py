@@ -22,8 +22,8 @@ def check_analysable(landing: Landing) -> None:
     if landing.box is not None and landing.box.error != "navigation" and landing.method == "covariance":
         text = "the covariance analysis is of the route; use method rare or monte-carlo, or `error: navigation`"
         raise reject(text, "box", "error")
-    if landing.breaks_off:
-        text = "covariance analysis and method rare have no alarms; use method monte-carlo, or height_m"
+    if landing.breaks_off and landing.method != "rare":
+        text = "the covariance analysis has no alarms; use method rare or monte-carlo, or height_m"
         raise reject(text, "approach", "go_around", "on_alarm")
     if landing.integrity is not None and landing.integrity.error_model != "gaussian":
         raise reject(

@@ -70,7 +70,7 @@ def check_correlated(landing: Landing) -> None:
 
 def watches_filter(landing: Landing) -> bool:
     """Whether the monitor is one of the filter."""
-    return landing.integrity is not None and landing.integrity.method == "filter" and landing.method != "rare"
+    return landing.monitored and landing.integrity is not None and landing.integrity.method == "filter"
 
 
 def about_correlated_errors(landing: Landing) -> Literal["states", "inflate", "none"]:

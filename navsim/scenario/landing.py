@@ -500,6 +500,11 @@ class Landing(Section):
         air = self.air()
         return air is not None and air[0].go_around is not None
 
+    @property
+    def monitored(self) -> bool:
+        """Whether runs have a monitor; pushed ones only to break them off."""
+        return self.integrity is not None and (self.method != "rare" or self.breaks_off)
+
     def trajectory_draws(self) -> int:
         """Random numbers at each IMU sample for the trajectory of a run."""
         found = self.air()

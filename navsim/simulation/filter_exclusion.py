@@ -102,8 +102,8 @@ def _measured_without(
 def _take_over(flight: Flight, epoch: int, lane: int, errors: ErrorHistory, other: ErrorHistory) -> None:
     """Overwrite the history of a run by that of another filter from an epoch on."""
     late = flight.events.time > flight.shared.filter_time[1 + epoch]
-    of_outputs, of_events = (*errors.errors, errors.sigma, errors.cross), errors[4:]
+    of_outputs = *errors.errors, errors.sigma, errors.cross
     for mine, new in zip(of_outputs, (*other.errors, other.sigma, other.cross), strict=True):
         mine[1 + epoch :, ..., lane] = new[1 + epoch :, ..., lane]
-    for mine, new in zip(of_events, other[4:], strict=True):
+    for mine, new in zip(errors.by_event, other.by_event, strict=True):
         mine[late, ..., lane] = new[late, ..., lane]

@@ -24,6 +24,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -235,6 +236,16 @@ class ShiftsByHistory:
         return np.where(np.isfinite(self.upper), chance, 0.0)
 
 
+class DrawnHistory(NamedTuple):
+    """History of the fix states of a run."""
+
+    history: StateHistory
+    log_weight: float
+    """Logarithm of its weight."""
+    from_chain: bool
+    """Whether the chain itself drew it."""
+
+
 @dataclass(frozen=True)
 class HistoryProposal:
     """Proposal density of the histories of fix states: a mixture of the chain, and of the chain given that it has a
@@ -281,14 +292,15 @@ class HistoryProposal:
             return model.unforced(rng, end)
         return model.unforced(rng, end, int(self.state[component]), float(self.at[component]))
 
-    def drawn(self, seed: int, run: int) -> tuple[StateHistory, float, bool]:
-        """History of a run, the logarithm of its weight, and whether the chain itself drew it."""
+    def drawn(self, seed: int, run: int) -> DrawnHistory:
+        """That of a run."""
         rng, ends = generator(seed, run, "tilt", 1), np.cumsum(self.shares)
         component = int(np.searchsorted(ends, rng.random(), side="right"))
         history = self.history_of(rng, component)
         has = history.state[history.at(self.at)] == self.state
         density = _CHAIN + np.sum(self.shares[has] / self.shifts.model.shares[self.state[has]])
-        return self.shifts.model.with_forced(history), -float(np.log(density)), component == self.at.size
+        chain = component == self.at.size
+        return DrawnHistory(self.shifts.model.with_forced(history), -float(np.log(density)), chain)
 
 
 @dataclass(frozen=True)
@@ -302,16 +314,26 @@ class PushedRuns:
     """Of fixes that have a state; shifts are then by history, instead of `tilt`."""
     kept: dict[tuple[int, ...], dict[int, np.ndarray]] = field(default_factory=dict)
     """`walks` of runs that have flown: the same runs fly several times."""
-    by_run: dict[int, ProposalShifts] = field(default_factory=dict)
-    """`tilts` of runs likewise."""
+    by_run: dict[int, tuple[DrawnHistory, ProposalShifts]] = field(default_factory=dict)
+    """`histories_of` and `tilts` of runs likewise."""
 
     def tilts(self, runs: Sequence[int]) -> list[ProposalShifts]:
         """The shifts of each lane, or one for all."""
         if self.histories is None:
             return [self.tilt]
+        return [tilt for _, tilt in self._by_history([*runs, *[runs[-1]] * (WIDTH - len(runs))])]
+
+    def histories_of(self, runs: Sequence[int]) -> list[DrawnHistory]:
+        """Histories of the fix states of runs; none if fixes have none."""
+        return [] if self.histories is None else [drawn for drawn, _ in self._by_history(runs)]
+
+    def _by_history(self, runs: Sequence[int]) -> list[tuple[DrawnHistory, ProposalShifts]]:
+        """History and shifts of each run."""
+        assert self.histories is not None
         for run in set(runs) - self.by_run.keys():
-            self.by_run[run] = self.histories.shifts.of(self.histories.drawn(self.seed, run)[0])
-        return [self.by_run[run] for run in [*runs, *[runs[-1]] * (WIDTH - len(runs))]]
+            drawn = self.histories.drawn(self.seed, run)
+            self.by_run[run] = drawn, self.histories.shifts.of(drawn.history)
+        return [self.by_run[run] for run in runs]
 
     def inputs(self, runs: Sequence[int], inputs: Inputs) -> Inputs:
         """Inputs of runs, shifted."""
@@ -376,16 +398,15 @@ class PushedRuns:
         tilts = self.tilts(runs)
         if self.histories is None:
             return tilts[0].proposal.log_weights(off)
-        of_histories = np.array([self.histories.drawn(self.seed, run)[1] for run in runs])
         out = np.concatenate([tilt.proposal.log_weights(off[:, [k]]) for k, tilt in enumerate(tilts)])
-        out[: len(runs)] += of_histories
+        out[: len(runs)] += [drawn.log_weight for drawn in self.histories_of(runs)]
         return out
 
     def _stated(self, runs: Sequence[int], inputs: Inputs) -> Inputs:
         """Inputs of runs with their own histories of fix states."""
         if self.histories is None:
             return inputs
-        histories = [self.histories.drawn(self.seed, run)[0] for run in runs]
+        histories = [drawn.history for drawn in self.histories_of(runs)]
         return replace(inputs, stated=draw_states(self.flight.shared, self.seed, runs, histories))
 
     def _each(self, runs: Sequence[int]) -> np.ndarray:

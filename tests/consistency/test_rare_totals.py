@@ -16,6 +16,8 @@ from navsim.landing import rare_events
 from navsim.landing.ensemble import at_times, to_runway
 from navsim.landing.rare_events import LimitState
 from navsim.landing.study import Case, fly_all
+from navsim.landing.total_errors import went_around
+from navsim.report.rare import table
 from navsim.runner.executor import threads
 from navsim.runner.statistics import weighted_share
 from navsim.simulation.along_truth import along_truth
@@ -23,8 +25,10 @@ from navsim.simulation.importance_sampling import PushedRuns
 from navsim.simulation.landing import draw
 from navsim.simulation.landing_covariance import analyse
 from navsim.simulation.measurements import smoothed
+from navsim.statistics.importance_sampling import FEW
 from tests.consistency.test_rare_events import LINEAR
 from tests.helpers import case
+from tests.layout import as_declared
 
 AT, TOTAL = 58.0, "error: total, height_m: 4.285493775748449"
 """When the box is passed, s, at an output of the filter; the box, whose limits are missing."""
@@ -235,3 +239,47 @@ def test_fixes_that_have_a_state(settings: tuple[str, ...], runs: int, counted: 
         share = fly_all(plain, 7, 0, counted, threads(1), keep="none").per_run("at_box")[:, 0]
         count = float(edge.box.beyond(share).any(axis=1).mean())
         assert abs(count - found) < 3.0 * math.hypot(relative * found, math.sqrt(count / counted))
+
+
+ALARMS = "approach.go_around={on_alarm: true, delay_s: 1}", "integrity={method: chi2, p_fa: 4e-3}"
+
+
+@pytest.mark.parametrize(
+    ("chance", "runs", "counted"),
+    [
+        (CHANCE, 64, 0),
+        pytest.param(CHANCE, 1920, 0, marks=pytest.mark.long),
+        pytest.param(1e-2, 960, 20_000, marks=pytest.mark.long),
+    ],
+)
+def test_alarms_that_break_landings_off(chance: float, runs: int, counted: int) -> None:
+    """Residuals of least squares are independent of its solution, and of each other: runs leave the box without an
+    alarm as often as Gaussian errors do times (1 - p_fa) to the number of fixes. Alarms are as frequent."""
+    sigma = by_lyapunov(steered(f"{TOTAL}, lateral_m: 3"))
+    limits = "lateral_m: {}, vertical_m: {}".format(*(-ndtri(chance / 4.0) * sigma[[0, 2]]).tolist())
+    flown, edge = prepared(f"{TOTAL}, {limits}", *ALARMS, "requirements=[{what: go_around, at_most: 0.1}]")
+    ways = flown.shared.dispersion
+    assert ways is not None
+    each = np.eye(ways.at_fixes.time.size, dtype=bool)
+    begin = np.concatenate([ways.begins(each[:, i : i + WIDTH]) for i in range(0, len(each), WIDTH)])
+    gone, quiet = 1.0 - 0.996 ** np.isfinite(begin).sum(), 0.996 ** (begin < edge.box.time).sum()
+    pushed = rare_events.fly_all(flown, edge, 8, 0, runs, threads(1))
+    out = rare_events.result(flown, edge, pushed, 8)
+    as_declared(out)
+    found, share = out["/summary/rare/probability"][0], out["/summary/rare/go_around"][0]
+    errors = [one(edge, pushed)[1] for one in (rare_events.probability, rare_events.go_around_probability)]
+    errors[1] *= share
+    assert abs(found / (chance * quiet) - 1.0) < 3.0 * errors[0]
+    assert errors[0] < 5.0 / math.sqrt(runs)
+    assert abs(share - gone) < 3.0 * errors[1]
+    assert rare_events.not_linear(edge, pushed).max() < 0.02
+    few = out["/summary/rare/go_around_effective_samples"] < FEW
+    assert few == ("few_go_arounds" in out["/findings/finding"])
+    assert "Go-around after an alarm" in str(table([("", out)]))
+    if counted:
+        plain = steered(f"{TOTAL}, {limits}", *ALARMS, method="monte-carlo")
+        ended = fly_all(plain, 7, 0, counted, threads(1), keep="none")
+        outside = edge.box.beyond(ended.per_run("at_box")[:, 0]).any(axis=1) & ~went_around(ended, edge.box.time)
+        for one, value, error in ((outside, found, found * errors[0]), (went_around(ended), share, errors[1])):
+            count = float(one.mean())
+            assert abs(count - value) < 3.0 * math.hypot(error, math.sqrt(count * (1.0 - count) / counted))
