@@ -107,17 +107,17 @@ class Monitoring:
     """Monitor of the filter's innovations, None without."""
     bank: Callable[[Any], SubfilterMonitor] | None = None
     """Creates the filter bank of a flight if it monitors the filter instead of the fixes."""
-    beacons: tuple[str, ...] = ()
-    """Names of the ranging beacons that the filter bank watches beside the sources of fixes."""
+    ground: tuple[str, ...] = ()
+    """Names of the ranging beacons and ground stations that the filter bank watches beside the sources of fixes."""
     station: GbasStation | None = None
     """Ground station whose B values runs draw, None without."""
 
     def expected(self, signals: Signals, share: float = 1.0) -> tuple[ExpectedFault, ...]:
-        """Faults of all used sources and of beacons, and pairs of them that must be monitored with a share of the
+        """Faults of all used sources and of `ground`, and pairs of them that must be monitored with a share of the
         tolerated probability."""
         if isinstance(self.test, ChiSquareTest):
             return ()
-        used = {*np.array(signals.names)[signals.used.any(axis=0)].tolist(), *self.beacons}
+        used = {*np.array(signals.names)[signals.used.any(axis=0)].tolist(), *self.ground}
         alone = [fault for fault in self.faults if used.intersection(fault.sources)]
         pairs = araim.coincidences([fault.prior for fault in alone], share * self.test.p_unmonitored)
         both = [(alone[i], alone[j], (i, j)) for i, j in pairs]
@@ -135,8 +135,8 @@ class Monitoring:
             return ()
         if self.exclusion == RESIDUAL and isinstance(self.test, Allocation):
             single = tuple(fault for fault in self.expected(signals) if not fault.of)
-            # the bank's filters can do without beacons
-            return tuple(one for one in single if self.bank is None or set(one.sources) <= set(self.beacons))
+            # the bank's filters can do without the ground's
+            return tuple(one for one in single if self.bank is None or set(one.sources) <= set(self.ground))
         heard = np.flatnonzero(signals.used.any(axis=0))
         return tuple(ExpectedFault(signals.names[i], (signals.names[i],), 0.0) for i in heard)
 
@@ -151,13 +151,13 @@ class Monitoring:
         expected = self.expected(_but(flight, out), share)
         return self._over(_but(signals, out), expected, test)
 
-    def without_beacons(self, signals: Signals, names: Sequence[str]) -> tuple[Allocation, tuple[ExpectedFault, ...]]:
-        """Allocation and faults of a filter without these beacons, which are one of the candidates; risk as of
+    def without_ground(self, signals: Signals, names: Sequence[str]) -> tuple[Allocation, tuple[ExpectedFault, ...]]:
+        """Allocation and faults of a filter without these of `ground`, which are one of the candidates; risk as of
         `without`."""
         share, test = self._shared(signals)
         assert isinstance(test, Allocation)
         faults = tuple(fault for fault in self.faults if not set(fault.sources) <= set(names))
-        less = replace(self, faults=faults, beacons=tuple(b for b in self.beacons if b not in names))
+        less = replace(self, faults=faults, ground=tuple(g for g in self.ground if g not in names))
         return test, less.expected(signals, share)
 
     def _shared(self, signals: Signals) -> tuple[float, ChiSquareTest | Allocation]:

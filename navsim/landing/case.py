@@ -85,7 +85,7 @@ class Case:
                 times = (epoch >= 0) & errors.fixed[epoch]  # without fixes the filter's sigma is another
                 geometry = beacon_geometry(aid.sensor, self.trajectory, aid.time[times])
                 of_fix = errors.of_ranges(signals.fix_sigma)[epoch[times], :3, :3]
-                return curvature_warnings(geometry, of_fix, aid.sensor.beacon_at(aid.time[times]))
+                return curvature_warnings(geometry, of_fix, aid.sensor.transmitter_at(aid.time[times]))
         return []
 
     @property

@@ -23,11 +23,14 @@ def watching(scenario: Landing, sources: SignalScenario) -> Monitoring | None:
         return None
     names = sources.pseudolites.names
     of_filter = section.method == "filter"
+    ground = scenario.ground_names() if of_filter else ()
     beacons = () if scenario.beacons is None or not of_filter else scenario.beacons.names()
+    stations = tuple(name for name in ground if name not in beacons)
     systems = _systems(sources)
     # satellites that are not to be used are among the signals all the same
     nominal = {name: section.b_nom_m for of_group, _ in _satellites(sources) for name in of_group}
     nominal |= dict.fromkeys(names, section.b_nom_pseudolite_m) | dict.fromkeys(beacons, section.b_nom_beacon_m)
+    nominal |= dict.fromkeys(stations, 0.0)  # the filter's states have their biases
     drops, asked = section.on_alarm == "drop", section.innovations
     innovations = None if asked is None else InnovationTest(asked.window_s, asked.p_fa)
     if section.method == "chi2":
@@ -39,6 +42,7 @@ def watching(scenario: Landing, sources: SignalScenario) -> Monitoring | None:
     faults = [ExpectedFault(name, (name,), section.p_satellite) for members in systems.values() for name in members]
     faults += [ExpectedFault(name, (name,), transmitter_prior(section.p_pseudolite)) for name in names]
     faults += [ExpectedFault(name, (name,), transmitter_prior(section.p_beacon)) for name in beacons]
+    faults += [ExpectedFault(name, (name,), transmitter_prior(section.p_station)) for name in stations]
     faults += [
         ExpectedFault(system, members, section.p_constellations.get(system, section.p_constellation))
         for system, members in systems.items()
@@ -50,7 +54,7 @@ def watching(scenario: Landing, sources: SignalScenario) -> Monitoring | None:
             samples=section.effective_samples,
         ),
         tuple(fault for fault in faults if fault.prior > 0.0), nominal, section.sigma_ratio_acc, section.exclusion,
-        drops, innovations, FilterBank.of if of_filter else None, beacons,
+        drops, innovations, FilterBank.of if of_filter else None, ground,
         _station(scenario, sources),
     )  # fmt: skip
 

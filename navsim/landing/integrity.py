@@ -40,7 +40,8 @@ from navsim.runner.checkpoint import Arrays
 from navsim.runner.statistics import mean_interval, share_interval
 from navsim.scenario.requirements import LevelRequirement, singles
 from navsim.scenario_files.base import DEG
-from navsim.simulation.filter_bank import FilterBank, beacons_received
+from navsim.sensors.ground_stations import GroundStation
+from navsim.simulation.filter_bank import FilterBank, ground_received
 from navsim.simulation.run import Run
 from navsim.statistics.rounding import digits
 
@@ -131,7 +132,8 @@ def relative_levels(asked: ApproachLimits, levels: np.ndarray) -> np.ndarray:
 
 
 def faulty(case: Case) -> np.ndarray:
-    """Which ranges, of sources and of monitored beacons, are wrong by an event (e, s + b) bool."""
+    """Which measurements, of sources and of monitored transmitters on the ground, are wrong by an event or a fault
+    (e, s + g) bool."""
     signals, watching = case.shared.signals, case.flight.watching
 
     def wrong(events: Sequence[Event], names: Sequence[str], systems: Sequence[str]) -> np.ndarray:
@@ -143,16 +145,23 @@ def faulty(case: Case) -> np.ndarray:
         return out
 
     out = wrong(case.environment.events, signals.names, case.environment.systems_of(signals.names)) & signals.used
-    if watching is None or case.scenario.beacons is None:
+    if watching is None or not watching.ground:
         return out
-    names, mine = watching.beacons, case.scenario.beacons.happenings(case.scenario)
-    return np.hstack([out, wrong(mine, names, [BEACONS] * len(names)) & beacons_received(case.flight)])
+    beacons = case.scenario.beacons
+    mine, names = () if beacons is None else beacons.happenings(case.scenario), watching.ground
+    on_ground = wrong(mine, names, [BEACONS] * len(names))
+    for aid in case.shared.aids:
+        for begin, end, *_ in aid.sensor.faults if isinstance(aid.sensor, GroundStation) else ():
+            on_ground[:, names.index(aid.sensor.name)] |= (signals.time >= begin) & (signals.time < end)
+    return np.hstack([out, on_ground & ground_received(case.flight)])
 
 
 def outcomes(case: Case) -> np.ndarray:
     """Outcome by `EXCLUSIONS` of excluding each candidate at each epoch (c + 1, e); the last is `NOTHING`."""
     wrong, watching = faulty(case), case.flight.watching
-    names = (*case.shared.signals.names, *(() if watching is None else watching.beacons))
+    if case.flight.bank is not None:
+        wrong = np.logical_or.accumulate(wrong, axis=0)  # a filter that took it does not forget it
+    names = (*case.shared.signals.names, *(() if watching is None else watching.ground))
     taken = np.array([np.isin(names, one.sources) for one in case.flight.candidates]).reshape(-1, 1, len(names))
     remains = (wrong & ~taken).any(axis=2)
     came = np.where(wrong.any(axis=1), remains.astype(np.int64), EXCLUSIONS.index("needless"))

@@ -149,7 +149,10 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
         "Allan deviation of quantisation, and the peak of a Gauss-Markov bias",
         "Spectral density and mean square of random vibration", "Conversion of the units of data sheets",
     ),
-    "ground stations: angles, and limits of presets": ("Angles and ranges of ground stations, and their derivatives",),
+    "ground stations: angles, and limits of presets": (
+        "Angles and ranges of ground stations, and their derivatives",
+        "Estimate without an excluded ground station, and its sigma",
+    ),
     "strapdown mechanisation": (
         "Velocity increment of a rotating sensor",
         "Attitude drift under coning, without and with the two-sample correction",

@@ -89,8 +89,10 @@ def _priors(result: Result) -> Cell | str:
     if None in known:  # of an earlier version
         return ABSENT
     own = dict(section.get("p_constellations") or {})
-    if section["method"] == "filter" and setting(result).get("beacons") is not None and "p_beacon" in section:
-        own["beacon"] = section["p_beacon"]
+    on_ground = {"beacon": ("beacons",), "station": ("azimuth_station", "elevation_station", "dme")}
+    for name, keys in on_ground.items() if section["method"] == "filter" else ():
+        if f"p_{name}" in section and any(setting(result).get(key) is not None for key in keys):
+            own[name] = section[f"p_{name}"]
     own |= _groups(result, section)
     values = [one if isinstance(one, str) else float(one) for one in (*known, *own.values())]  # monitoring: a word
     named = ["", "", "", *(f"{name} " for name in own)]

@@ -62,6 +62,10 @@ class AidingSection(Section):
         """Key of a time-correlated error that the filter of a landing has no state for; None without."""
         return None
 
+    def names(self) -> tuple[str, ...]:
+        """Names of its transmitters on the ground."""
+        return ()
+
 
 class AltimeterSection(AidingSection):
     """An altimeter for the height of the IMU above the ellipsoid."""

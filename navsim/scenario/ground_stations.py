@@ -153,6 +153,10 @@ class StationSection(AidingSection):
             return None
         return next((key for key in self.error_keys() if getattr(self, key)), None)
 
+    def names(self) -> tuple[str, ...]:
+        """That of its section."""
+        return (self.name,)
+
     def assumed(self, landing: Landing) -> FilterStation:
         """The section of the filter's model of it."""
         its: FilterStation = getattr(landing.filter, self.name)

@@ -79,10 +79,10 @@ class LimitsSection(Section):
 
 
 class GroundGroup(Section):
-    """Pseudolites or beacons that can fail together, since they share clock, survey, power or correction link."""
+    """Transmitters on the ground that can fail together, since they share clock, survey, power or correction link."""
 
     members: Annotated[DistinctListOf[str], Field(min_length=1)]
-    """names of the pseudolites or beacons of the group"""
+    """names of the pseudolites, beacons or ground stations of the group"""
     prior: Prior = GROUP_PRIOR
     """probability that the whole group is faulty"""
 
@@ -195,10 +195,10 @@ class IntegritySection(Section):
     """height above the runway from which to touchdown an approach has to be available throughout; null: all of the
     glide"""
     exclusion: Literal["none", "residual", "rms"] = "none"
-    """source (chi2), fault (mhss) or beacons (filter) excluded after an alarm, if the rest then passes its own test.
-    `residual`: the one with the largest normalised residual; filter: the beacons whose filter differs most, for the
-    rest of the run. `rms`, as RTKLIB does: the source whose exclusion leaves the smallest RMS of residuals. `none`:
-    nothing is excluded"""
+    """source (chi2), fault (mhss), beacons or ground stations (filter) excluded after an alarm, if the rest then passes
+    its own test. `residual`: the one with the largest normalised residual; filter: those without which alone
+    innovations are consistent, for the rest of the run. `rms`, as RTKLIB does: the source whose exclusion leaves the
+    smallest RMS of residuals. `none`: nothing is excluded"""
     on_alarm: Literal["use", "drop"] = "use"
     """whether the filter takes fixes whose alarm no exclusion has ended"""
     p_fa: Chance = 6.666667e-5
@@ -226,9 +226,12 @@ class IntegritySection(Section):
     within 6 s; unmonitored: 1.04e-3, where a fault is found after an hour"""
     p_beacon: TransmitterPrior = 1e-4
     """filter: probability that a ranging beacon is faulty, like p_pseudolite"""
+    p_station: TransmitterPrior = 1e-4
+    """filter: probability that a ground station (azimuth_station, elevation_station, dme) is faulty, like
+    p_pseudolite"""
     ground_groups: Annotated[ListOf[GroundGroup], Field(max_length=20)] | None = None
-    """pseudolites, or beacons, that can fail together; null: several pseudolites are one group, and for `filter`
-    several beacons another, with the default prior"""
+    """pseudolites, beacons or ground stations that can fail together; null: several pseudolites are one group, and for
+    `filter` several beacons another, with the default prior"""
     b_nom_m: Bias = 0.75
     """bound of the bias of a satellite's range without a fault"""
     b_nom_pseudolite_m: Bias = 0.25
@@ -295,7 +298,7 @@ class IntegritySection(Section):
             "p_hmi_v", "p_hmi_h", "p_fa_v", "p_fa_h", "p_unmonitored_max", "p_satellite", "p_constellation",
             "p_constellations", "p_pseudolite", "ground_groups", "effective_samples",
         )  # fmt: skip
-        of_filter = ("p_beacon", "b_nom_beacon_m")
+        of_filter = ("p_beacon", "p_station", "b_nom_beacon_m")
         usual = IntegritySection()
         out = [
             f"integrity.{name} is not used: integrity.method is {self.method}"
@@ -314,17 +317,18 @@ class IntegritySection(Section):
             out += [longer] if asked > most else []
         return out
 
-    def check_names(self, pseudolites: Sequence[str], beacons: Sequence[str]) -> None:
-        """Raise for members of groups that are none of these pseudolites or, for `filter`, of these beacons."""
+    def check_names(self, pseudolites: Sequence[str], ground: Sequence[str]) -> None:
+        """Raise for members of groups that are none of these pseudolites or, for `filter`, of these beacons and ground
+        stations."""
         for i, group in enumerate(self.ground_groups or ()):
             for j, member in enumerate(group.members):
-                if member in beacons and self.method != "filter":
-                    text = f"{member!r} is a beacon, which method filter alone watches"
+                if member in ground and self.method != "filter":
+                    text = f"{member!r} is a beacon or ground station, which method filter alone watches"
                     raise reject(text, "ground_groups", i, "members", j)
-                if member not in (*pseudolites, *beacons):
+                if member not in (*pseudolites, *ground):
                     there = ", ".join(pseudolites) or "none"
                     text = f"{member!r} is not a pseudolite; the pseudolites are: {there}"
-                    text += f"; the beacons are: {', '.join(beacons)}" if beacons else ""
+                    text += f"; the beacons and ground stations are: {', '.join(ground)}" if ground else ""
                     raise reject(text, "ground_groups", i, "members", j)
 
 

@@ -194,13 +194,11 @@ class Landing(Section):
             raise reject("is for `coupling: tight`: each fix solves for the clock", "filter", "clock")
         if self.integrity is not None:
             try:
-                self.integrity.check_names(
-                    self.pseudolites.names(), () if self.beacons is None else self.beacons.names()
-                )
+                self.integrity.check_names(self.pseudolites.names(), self.ground_names())
             except KeyedError as error:
                 raise reject(str(error), "integrity", *error.path) from None
-            if self.integrity.method == "filter" and self.integrity.exclusion != "none" and self.beacons is None:
-                text = "with method filter it excludes beacons, and there are none; use method mhss or chi2"
+            if self.integrity.method == "filter" and self.integrity.exclusion != "none" and not self.ground_names():
+                text = "with method filter it excludes beacons or ground stations, and there is none; use mhss or chi2"
                 raise reject(text, "integrity", "exclusion")
             if self.integrity.method == "filter" and self.filter.kind in SMOOTHERS:
                 text = f"is for a filter, {self.filter.kind} is a smoother; use mhss or chi2, or another filter.kind"
@@ -400,6 +398,10 @@ class Landing(Section):
     def aiding_sections(self) -> dict[str, AidingSection]:
         """Sections of the sensors beside the receiver that there are, by their names."""
         return {name: section for name, section in self if isinstance(section, AidingSection)}
+
+    def ground_names(self) -> tuple[str, ...]:
+        """Names of ranging beacons and ground stations."""
+        return tuple(name for section in self.aiding_sections().values() for name in section.names())
 
     def aiding(self) -> list[AidingSensor]:
         """Models of these sensors."""

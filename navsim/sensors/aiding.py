@@ -54,6 +54,16 @@ class AidingSensor(ABC):
     """Components of each time-correlated error."""
     sources: int = 0
     """Number of transmitters whose rejections by the gate are counted apart; 0: it has none."""
+
+    @property
+    def transmitters(self) -> int:
+        """Number of transmitters on the ground that a monitor of the filter can exclude."""
+        return self.sources
+
+    def transmitter_at(self, time: np.ndarray) -> np.ndarray:
+        """Which of them each measurement at times (m,), s, is of."""
+        return np.zeros(time.size, np.int64)
+
     rate: float
     """Hz."""
     latency: float

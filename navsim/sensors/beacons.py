@@ -199,7 +199,7 @@ class Beacons(AidingSensor):
                 row[:] = runway_position(threshold, self.heading, s, l1, row[2] - self.height)
         return out
 
-    def beacon_at(self, time: np.ndarray) -> np.ndarray:
+    def transmitter_at(self, time: np.ndarray) -> np.ndarray:
         """Number of the beacon asked at times (m,), s, those of measurements."""
         return self.beacon_of(np.rint(time * self.rate).astype(np.int64) - 1)
 
@@ -232,7 +232,7 @@ class Beacons(AidingSensor):
         if self.jamming is None:
             return self
         answers, questions = self._noise_of_links(flight.frame, time, self.antenna(flight, time))
-        both = 0.5 * (answers[:, 0] + questions[np.arange(time.size), self.beacon_at(time)])
+        both = 0.5 * (answers[:, 0] + questions[np.arange(time.size), self.transmitter_at(time)])
         return replace(self, weakened=np.sqrt(both))
 
     def _happened(self, time: np.ndarray, antenna: np.ndarray, away: np.ndarray) -> EventEffects:
@@ -262,12 +262,12 @@ class Beacons(AidingSensor):
 
     def line_of_sight(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Vectors (m, 3) to the beacons asked, and whether they are received (m,), as `away`."""
-        (away, received), of = self.away(flight, time), (np.arange(time.size), self.beacon_at(time))
+        (away, received), of = self.away(flight, time), (np.arange(time.size), self.transmitter_at(time))
         return away[of], received[of]
 
     def noise_free(self, flight: Moving, time: np.ndarray) -> np.ndarray:
         """Ranges (m, 1) with the mean bias and errors by events, m; nan where the beacon asked is not received."""
-        (away, received), of = self.away(flight, time), (np.arange(time.size), self.beacon_at(time))
+        (away, received), of = self.away(flight, time), (np.arange(time.size), self.transmitter_at(time))
         distance, its = np.linalg.norm(away[of], axis=1), self.true_errors
         longer = self._happened(time, self.antenna(flight, time), away).longer[of] if self.events else 0.0
         if self.air is not None:
@@ -276,7 +276,7 @@ class Beacons(AidingSensor):
 
     def _delay(self, air: GroundAir, flight: Moving, time: np.ndarray, distance: np.ndarray) -> np.ndarray:
         """Delay (m,) by the air, m, over distances (m,) to the beacons asked at times (m,), s."""
-        heights = self.positions(flight.frame)[self.beacon_at(time), 2]
+        heights = self.positions(flight.frame)[self.transmitter_at(time), 2]
         return air.delay(llh_from_ecef(self.antenna(flight, time))[:, 2], heights, distance)
 
     def noise_sigma(self, exact: np.ndarray) -> np.ndarray:
@@ -333,7 +333,7 @@ class Beacons(AidingSensor):
 
     def effects(self, flight: Moving, time: np.ndarray) -> tuple[np.ndarray, ...]:
         """Derivatives (m, 1, 1) of the ranges by each of these errors."""
-        its, asked = self.true_errors, self.beacon_at(time)
+        its, asked = self.true_errors, self.transmitter_at(time)
         away, _ = self.line_of_sight(flight, time)
         distance = np.linalg.norm(away, axis=1)
         # a longer way also has a larger bias

@@ -68,6 +68,7 @@ class GroundStation(AidingSensor):
     """A station of a landing system, received by an antenna of its own."""
 
     varies = True
+    transmitters = 1
     place: tuple[float, float, float]
     """Along the runway beyond the threshold, right of the centre line, above the threshold, m."""
     aim_point: float

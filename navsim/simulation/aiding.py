@@ -92,6 +92,16 @@ class Aid:
         return self.sensor.table(self.frame, measured)
 
 
+def columns_on_ground(aids: Sequence[Aid], sources: int) -> list[np.ndarray]:
+    """Column (m,) of each measurement's transmitter, which follow those of so many sources; -1 for other sensors."""
+    out, first = [], sources
+    for aid in aids:
+        some = aid.sensor.transmitters
+        out.append(first + aid.sensor.transmitter_at(aid.time) if some else np.full(aid.time.size, -1))
+        first += some
+    return out
+
+
 def followed_errors(sensors: Sequence[AidingSensor], step: float) -> tuple[tuple[Block, float], ...]:
     """States that a filter has for errors of these sensors and their 1 sigma, blocks of three first.
 

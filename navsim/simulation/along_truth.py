@@ -16,7 +16,7 @@ from navsim.filter.records import ImuData
 from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.gnss.fix_states import StatedFixes
 from navsim.integrity.fix_slopes import slopes
-from navsim.sensors.beacons import Beacons
+from navsim.simulation.aiding import columns_on_ground
 from navsim.simulation.flight import Flight, exact_clock, exact_start, initial_state, with_clock
 from navsim.simulation.inertial_states import TrueState, true_states
 from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_fixes, table_of_ranges
@@ -55,15 +55,14 @@ def along_design(flight: Flight, without: Sequence[bool] | np.ndarray) -> AlongT
     """Linearise a filter along measurements without any error (`shared_truth.assumed_measurements`), with noise-free
     sensors.
 
-    without: (s + b,) bool, sources that are missing, and beacons after them.
+    without: (s + g,) bool, sources that are missing, and transmitters on the ground after them.
     """
     ranges, rates = assumed_measurements(flight.shared)
-    missing, sources = np.asarray(without, bool), ranges.shape[1]
+    sources = ranges.shape[1]
+    missing = np.append(np.asarray(without, bool), False)  # -1: no transmitter
     aided = [
-        np.where(missing[sources:][aid.sensor.beacon_at(aid.time)][:, None], np.nan, aid.exact)
-        if isinstance(aid.sensor, Beacons)
-        else aid.exact
-        for aid in flight.shared.aids
+        np.where(missing[column][:, None], np.nan, aid.exact)
+        for aid, column in zip(flight.shared.aids, columns_on_ground(flight.shared.aids, sources), strict=True)
     ]
     return _along(flight, np.where(missing[:sources], np.nan, ranges), rates, aided, noisy=False)
 

@@ -28,7 +28,7 @@ from navsim.integrity import araim
 from navsim.integrity.araim import Allocation, Levels, SeparationDistances, SolutionSpread
 from navsim.integrity.monitoring import faults_of, fix_of
 from navsim.integrity.solution import turned
-from navsim.sensors.beacons import Beacons
+from navsim.simulation.aiding import columns_on_ground
 from navsim.simulation.along_truth import AlongTruth, along_design
 from navsim.simulation.flight import Flight
 from navsim.simulation.landing_covariance import excess, responses, route_of_filter
@@ -49,11 +49,11 @@ class FilterSolution:
     covariance: np.ndarray
     """(e, 3, 3) m2."""
     reach: np.ndarray
-    """(e, 3, s + b) effect of the largest bias of each range, m, of sources and then of beacons."""
+    """(e, 3, s + g) effect of the largest bias of each source, m, and then of each transmitter on the ground."""
 
     @classmethod
     def of(cls, flight: Flight, along: AlongTruth, nominal: np.ndarray) -> FilterSolution:
-        """Solution of a filter along the truth. nominal: (s + b,) bounds of biases, m."""
+        """Solution of a filter along the truth. nominal: (s + g,) bounds of biases, m."""
         covariance = along.lin.assumed[1:, :3, :3][:, _ENU][:, :, _ENU]
         return cls(covariance, responses(flight, along)[1:, states.POS : states.POS + 3][:, _ENU] * nominal)
 
@@ -66,7 +66,7 @@ class FilterBank(SeparationDistances):
     found: Levels
     """(e,) protection levels at its outputs except the first."""
     taken: np.ndarray
-    """(f, s + b) bool, sources and beacons that each of the other filters does not use."""
+    """(f, s + g) bool, sources and transmitters on the ground that each of the other filters does not use."""
     route: LinearisedHistory
     """State history of the filter."""
     gains: np.ndarray
@@ -78,25 +78,27 @@ class FilterBank(SeparationDistances):
     solutions: tuple[FilterSolution, ...]
     """Solutions of the filter and of the others; they give levels along other axes."""
     aided: np.ndarray
-    """(e,) bool, whether the filter has a fix, a range of a beacon or, tightly coupled, of a source."""
+    """(e,) bool, whether the filter has a fix, a measurement of a transmitter on the ground or, tightly coupled, of a
+    source."""
     idle: np.ndarray
-    """(f, e) bool, whether without the faulty sources there is neither a fix nor beacons enough for a position."""
+    """(f, e) bool, whether without the faulty ones there is neither a fix nor transmitters on the ground enough for a
+    position."""
     excluded: tuple[str, ...] = ()
-    """Beacons that no filter uses."""
+    """Transmitters on the ground that no filter uses."""
     _kept: dict[tuple[str, ...], FilterBank] = field(default_factory=dict)
 
     @classmethod
     def of(cls, flight: Flight, excluded: tuple[str, ...] = ()) -> FilterBank:
-        """Filter bank of a flight whose filters never use the excluded beacons. Raises ValueError for a flight that no
-        filters monitor."""
+        """Filter bank of a flight whose filters never use the excluded transmitters on the ground. Raises ValueError
+        for a flight that no filters monitor."""
         watching = flight.watching
         if watching is None or not isinstance(watching.test, Allocation):
             raise ValueError("solution separation needs the shares of its levels")
         signals = flight.shared.signals
-        every = (*signals.names, *watching.beacons)
+        every = (*signals.names, *watching.ground)
         test, expected = watching.test, watching.expected(signals)
         if excluded:
-            test, expected = watching.without_beacons(signals, excluded)
+            test, expected = watching.without_ground(signals, excluded)
         sources, never = len(signals.names), np.isin(every, excluded)
         faults = faults_of(every, expected)
         taken = np.array([never | np.isin(every, one.sources) for one in expected], bool).reshape(-1, len(every))
@@ -110,8 +112,8 @@ class FilterBank(SeparationDistances):
             gains.append(along.lin.gain)
             solutions.append(FilterSolution.of(flight, along, nominal))
             both.append(2.0 * np.diagonal(excess(flight, route, whole, along)[1:], axis1=1, axis2=2)[:, _ENU])
-        heard = beacons_received(flight) & ~never[sources:]
-        # beacons that give a position by themselves
+        heard = ground_received(flight) & ~never[sources:]
+        # those that give a position by themselves
         enough = 4 if any(aid.sensor.clock is not None for aid in flight.shared.aids) else 3
         ever = np.logical_or.accumulate(np.hstack([signals.used, heard]), axis=0)
         spread = _together(solutions, both)
@@ -136,11 +138,12 @@ class FilterBank(SeparationDistances):
             | heard.any(axis=1), idle, excluded,
         )  # fmt: skip
 
-    def without(self, beacons: tuple[str, ...]) -> FilterBank:
-        """The bank of the filter that never uses these beacons either, and of filters without each further fault."""
-        if beacons not in self._kept:
-            self._kept[beacons] = FilterBank.of(self.flight, beacons)
-        return self._kept[beacons]
+    def without(self, ground: tuple[str, ...]) -> FilterBank:
+        """The bank of the filter that never uses these transmitters on the ground either, and of filters without each
+        further fault."""
+        if ground not in self._kept:
+            self._kept[ground] = FilterBank.of(self.flight, ground)
+        return self._kept[ground]
 
     @property
     def tested(self) -> np.ndarray:
@@ -210,18 +213,16 @@ class FilterBank(SeparationDistances):
         return np.ascontiguousarray(out[which.reshape(-1)])
 
 
-def beacons_received(flight: Flight) -> np.ndarray:
-    """Which beacons (e, b) bool the filter has a range of at its outputs except the first, not older than a cycle of
-    questions or an interval of fixes; (e, 0) without a watch on them."""
-    now, watching = flight.shared.filter_time[1:], flight.watching
-    out = np.zeros((now.size, 0 if watching is None else len(watching.beacons)), bool)
-    for aid in flight.shared.aids if out.size else ():
-        if isinstance(aid.sensor, Beacons):
-            fresh = max(aid.sensor.sources / aid.sensor.rate, float(np.diff(now).max(initial=0.0)))
-            asked, answered = aid.sensor.beacon_at(aid.time), np.isfinite(aid.exact[:, 0])
-            for beacon in range(aid.sensor.sources):
-                came = np.append(-np.inf, aid.arrival[answered & (asked == beacon)])
-                out[:, beacon] = now - came[np.searchsorted(came, now, side="right") - 1] < fresh + _ROUNDING
+def ground_received(flight: Flight) -> np.ndarray:
+    """Which transmitters on the ground (e, g) bool the filter has a measurement of at its outputs except the first, not
+    older than a cycle of questions or an interval of fixes; (e, 0) without a watch on them."""
+    now, watching, aids = flight.shared.filter_time[1:], flight.watching, flight.shared.aids
+    out = np.zeros((now.size, 0 if watching is None else len(watching.ground)), bool)
+    for aid, column in zip(aids, columns_on_ground(aids, 0), strict=True) if out.size else ():
+        fresh = max(aid.sensor.transmitters / aid.sensor.rate, float(np.diff(now).max(initial=0.0)))
+        for one in np.unique(column[column >= 0]):
+            came = np.append(-np.inf, aid.arrival[np.isfinite(aid.exact[:, 0]) & (column == one)])
+            out[:, one] = now - came[np.searchsorted(came, now, side="right") - 1] < fresh + _ROUNDING
     return out
 
 

@@ -1,4 +1,4 @@
-"""Exclusion by the monitor of a filter: after an alarm, a filter that never used the faulty beacons takes over.
+"""Exclusion by the monitor of a filter: after an alarm, one that never used the faulty beacons or stations takes over.
 
 Source: `docs/theory/integrity.md`, section 10.
 """
@@ -15,8 +15,8 @@ from navsim.gnss.receiver_fixes import ReceiverFixes
 from navsim.integrity import exclusion, monitoring
 from navsim.integrity.exclusion import NOTHING
 from navsim.integrity.innovations import InnovationTest
-from navsim.sensors.beacons import Beacons
-from navsim.simulation.filter_bank import FilterBank, beacons_received
+from navsim.simulation.aiding import columns_on_ground
+from navsim.simulation.filter_bank import FilterBank, ground_received
 from navsim.simulation.flight import Flight
 from navsim.simulation.run import MonitorOutput
 
@@ -34,11 +34,12 @@ def after_exclusion(
     aided: Sequence[np.ndarray],
     fly: Fly,
 ) -> MonitorOutput:
-    """Monitor output after exclusions of beacons; `errors` of runs with one change in place from the alarm on.
+    """Monitor output after exclusions of transmitters on the ground; `errors` of runs with one change in place from the
+    alarm on.
 
-    A candidate is excluded for the rest of the run if the filter without it is the only one with consistent
-    innovations, and agrees with filters that have fewer measurements still. given: fixes, and the ranges and rates
-    (e, s, W) that they are of.
+    A candidate is excluded for the rest of the run if the filter without it has consistent innovations, and agrees with
+    filters that have fewer measurements still; and if it alone has the first or, of several, alone both. given: fixes,
+    and the ranges and rates (e, s, W) that they are of.
     """
     bank, candidates = flight.bank, flight.candidates
     assert isinstance(bank, FilterBank)
@@ -49,14 +50,19 @@ def after_exclusion(
     alarm = watched.status == monitoring.ALARM
     if not alarm.any() or not candidates:
         return out
-    names = flight.watching.beacons
+    names = flight.watching.ground
     flown = [fly(_measured_without(flight, aided, names, one.sources)) for one in candidates]
     taken = np.array([np.isin(names, one.sources) for one in candidates])
     passes = alarm & np.array([_consistent(flight, other) for other in flown])
-    chosen = exclusion.alone(passes, exclusion.contained(taken, beacons_received(flight)))
-    for c in map(int, np.unique(chosen[chosen != NOTHING])):
-        less = bank.without(candidates[c].sources)
-        its = MonitorOutput.of_filter(flight, less, flown[c], *given)
+    inside = exclusion.contained(taken, ground_received(flight))
+    chosen = exclusion.alone(passes, inside)
+    tried = np.flatnonzero(passes.any(axis=(1, 2)))
+    banks = {int(c): bank.without(candidates[c].sources) for c in tried}
+    monitored = {c: MonitorOutput.of_filter(flight, less, flown[c], *given) for c, less in banks.items()}
+    for c, its in monitored.items():
+        passes[c] &= its.status == monitoring.QUIET
+    chosen = np.where(chosen == NOTHING, exclusion.alone(passes, inside), chosen)
+    for c, its in monitored.items():
         begins = (chosen == c) & (its.status == monitoring.QUIET)
         for lane in map(int, np.flatnonzero(begins.any(axis=0))):
             epoch = int(np.argmax(begins[:, lane]))
@@ -68,7 +74,7 @@ def after_exclusion(
             settled = its.status[epoch:, lane] == monitoring.QUIET
             out.status[epoch:, lane][settled] = monitoring.EXCLUDED
             out.excluded[epoch:, lane] = c
-            out.level[epoch:, :, lane] = monitoring.tested_levels(less)[epoch:]
+            out.level[epoch:, :, lane] = monitoring.tested_levels(banks[c])[epoch:]
     return out
 
 
@@ -90,12 +96,10 @@ def _consistent(flight: Flight, errors: ErrorHistory) -> np.ndarray:
 def _measured_without(
     flight: Flight, aided: Sequence[np.ndarray], names: Sequence[str], excluded: Sequence[str]
 ) -> list[np.ndarray]:
-    """Measurements of sensors beside the receiver, nan for the ranges of the excluded beacons."""
+    """Measurements of sensors beside the receiver, nan for those of the excluded transmitters."""
+    out, columns = np.append(np.isin(names, excluded), False), columns_on_ground(flight.shared.aids, 0)
     return [
-        np.where(np.isin(names, excluded)[aid.sensor.beacon_at(aid.time)][:, None, None], np.nan, measured)
-        if isinstance(aid.sensor, Beacons)
-        else measured
-        for aid, measured in zip(flight.shared.aids, aided, strict=True)
+        np.where(out[column][:, None, None], np.nan, measured) for column, measured in zip(columns, aided, strict=True)
     ]
 
 

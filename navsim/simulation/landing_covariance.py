@@ -40,7 +40,7 @@ from navsim.filter.measurement_kinds import FIX, RANGE
 from navsim.filter.records import OUTPUT, Events
 from navsim.filter.states import MAX_MEASUREMENT_SIZE, Block
 from navsim.gnss.pseudorange import Signals
-from navsim.sensors.beacons import Beacons
+from navsim.simulation.aiding import columns_on_ground
 from navsim.simulation.along_truth import FIRST_MARKOV, AlongTruth, along_truth, noise_densities
 from navsim.simulation.correlated_sources import (
     white_noise,
@@ -443,17 +443,17 @@ def _owners(sources: tuple[str, ...], of_pseudolites: np.ndarray, count: int) ->
 
 
 def responses(flight: Flight, along: AlongTruth) -> np.ndarray:
-    """Errors of the filter's states at its outputs (o, n, s + b) by a bias of 1 m that each range always has, of the
-    sources and then of beacons."""
+    """Errors of the filter's states at its outputs (o, n, s + g) by a bias of 1 m, or rad, that each measurement always
+    has, of the sources and then of transmitters on the ground."""
     carried, route = _route(flight, along)
     weighed, row = weighed_events(flight.events, route, RANGE if flight.design.tight else FIX)
-    sources = along.by_range.shape[2]
-    beacons = [(aid, aid.sensor) for aid in flight.shared.aids if isinstance(aid.sensor, Beacons)]
-    off = np.zeros((*along.lin.have.shape, sources + sum(sensor.sources for _, sensor in beacons)))
+    sources, aids = along.by_range.shape[2], flight.shared.aids
+    off = np.zeros((*along.lin.have.shape, sources + sum(aid.sensor.transmitters for aid in aids)))
     off[weighed, :, :sources] = np.where(along.lin.have[weighed, :, None] > 0.0, along.by_range[row], 0.0)
-    for aid, sensor in beacons:
-        weighed, row = weighed_events(flight.events, route, sensor.kind)
-        off[weighed, 0, sources + sensor.beacon_at(aid.time[row])] = along.lin.have[weighed, 0]
+    for aid, column in zip(aids, columns_on_ground(aids, sources), strict=True):
+        if aid.sensor.transmitters:
+            weighed, row = weighed_events(flight.events, route, aid.sensor.kind)
+            off[weighed, 0, column[row]] = along.lin.have[weighed, 0]
     return propagate_all_columns(route, np.zeros((carried.size, off.shape[2])), off)[0]
 
 

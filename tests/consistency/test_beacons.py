@@ -181,7 +181,7 @@ def test_filters_without_a_beacon_watch_the_filter(monkeypatch: pytest.MonkeyPat
     given, inputs = given_to_bank(flown, 78, range(WIDTH), monkeypatch), draw(bare, 78, range(WIDTH))
     whole, late = fly_inputs(bare, inputs, WIDTH), flown.shared.filter_time[1:] > 20.0
     for k, fault in faults.items():
-        out = np.isin(aid.sensor.beacon_at(aid.time), [int(name[1:]) - 1 for name in fault.sources])
+        out = np.isin(aid.sensor.transmitter_at(aid.time), [int(name[1:]) - 1 for name in fault.sources])
         less = replace(inputs, aided=(np.where(out[:, None, None], np.nan, inputs.aided[0]),))
         apart = np.abs(whole.error - fly_inputs(bare, less, WIDTH).error)[:, 1:, :3]
         sigma = bank.found.spread.separation_sigma[k][:, AXES]
@@ -231,7 +231,7 @@ def test_a_faulty_beacon_is_excluded_and_the_filter_without_it_takes_over() -> N
     assert (run.watched_error < run.monitor_level)[:, after].all()
     (aid,) = flown.shared.aids
     bare = replace(flown.flight, watching=None, second_order=False)
-    inputs, out = draw(bare, 5, range(WIDTH)), aid.sensor.beacon_at(aid.time) == 2
+    inputs, out = draw(bare, 5, range(WIDTH)), aid.sensor.transmitter_at(aid.time) == 2
     other = fly_inputs(bare, replace(inputs, aided=(np.where(out[:, None, None], np.nan, inputs.aided[0]),)), WIDTH)
     for name in ("error", "sigma"):
         np.testing.assert_array_equal(getattr(run, name)[:, 1:][:, after], getattr(other, name)[:, 1:][:, after])

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from navsim.compiler.lanes import WIDTH
 from navsim.integrity import monitoring
+from navsim.landing.integrity import tally
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.runner.executor import threads
+from navsim.simulation.landing import draw, fly_inputs
 from tests.helpers import case, in_brief
 
 ILS = ("azimuth_station.bends_time_s=3", "dme.bends_m=10", "elevation_station.latency_s=0.1")
@@ -70,3 +75,51 @@ def test_the_filter_takes_measurements_as_of_its_own_latency(true: float, assume
     flown = case(f"dme.latency_s={true}", f"filter.dme={{latency_s: {assumed}}}", "duration_s=20", name="landing_ils")
     aid = next(aid for aid in flown.shared.aids if aid.sensor.name == "dme")
     np.testing.assert_allclose(aid.valid, np.maximum(aid.time + true - assumed, 0.0), atol=1e-12)
+
+
+WATCHED = ("imu.rate_hz=20", "receiver.rate_hz=1", "duration_s=45", "wind={}", "events=[]",
+           "filter.gate={probability: 0}", "integrity={method: filter, p_constellation: 1.0e-8, p_satellite: 1.0e-7, "
+           "exclusion: residual}")  # fmt: skip
+
+
+@pytest.mark.parametrize(("station", "fault", "until"), in_brief([
+    ("azimuth_station", "rate_m_s: 2", 20.0), ("elevation_station", "error_deg: 0.5", 4.0),
+    ("dme", "error_m: 1500", 1.0),
+], 0))  # fmt: skip
+def test_a_faulty_station_is_excluded_and_the_filter_without_it_takes_over(
+    station: str, fault: str, until: float
+) -> None:
+    """By satellites, ILS and DME, with a step or a ramp at 20 s. Nobody is excluded before it. Some time after it runs
+    are to the bit those of a filter that never had the station, within the levels of its own monitor."""
+    flown = case(*WATCHED, f"{station}.faults=[{{at_s: 20, {fault}}}]", name="landing_ils")
+    (run,) = flown.fly_runs(5, 0, WIDTH, measured=False)
+    time, names = flown.shared.signals.time, [one.name for one in flown.flight.candidates]
+    after = time > 20.0 + until
+    assert (run.monitor_status[:, time < 20.0] == monitoring.QUIET).all()
+    assert (run.monitor_status[:, after] == monitoring.EXCLUDED).all()
+    assert (run.monitor_excluded[:, after] == names.index(station)).all()
+    assert (tally(flown, run)["integrity_exclusions"][:, 1:] == 0).all(), "none but right ones"
+    assert (run.watched_error < run.monitor_level)[:, after].all()
+    bare = replace(flown.flight, watching=None, second_order=False)
+    inputs = draw(bare, 5, range(WIDTH))
+    aided = tuple(np.full_like(m, np.nan) if aid.sensor.name == station else m
+                  for aid, m in zip(flown.shared.aids, inputs.aided, strict=True))  # fmt: skip
+    other = fly_inputs(bare, replace(inputs, aided=aided), WIDTH)
+    for name in ("error", "sigma"):
+        np.testing.assert_array_equal(getattr(run, name)[:, 1:][:, after], getattr(other, name)[:, 1:][:, after])
+
+
+def test_an_aircraft_that_its_estimate_steers_goes_on_by_the_rest() -> None:
+    """A localizer that the filter takes to be exact, off by 40 m for good: with exclusion the loop closes, and the
+    aircraft comes back; without it the aircraft follows the localizer."""
+    exact, lateral = "azimuth_station={noise_m: 1, faults: [{at_s: 10, error_m: 40}]}", []
+    for rule in ("residual", "none"):
+        more = exact, "approach.guidance=estimate", f"integrity.exclusion={rule}"
+        flown = case(*WATCHED, *more, name="landing_ils")
+        (run,) = flown.fly_runs(5, 0, WIDTH, measured=False)
+        assert run.loop_gap.max() <= 0.01
+        lateral.append(run.deviation[:, -1, 0])
+    spared, misled = lateral
+    print(spared, misled)
+    assert np.abs(spared).max() < 3.0
+    assert misled.mean() < -50.0

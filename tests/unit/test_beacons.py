@@ -142,7 +142,7 @@ def test_events_of_beacons() -> None:
     )
     of = case(*BRIEF, section(), happening)
     (aid,) = of.shared.aids
-    off, asked, t = aid.exact[:, 0] - plain.exact[:, 0], aid.sensor.beacon_at(aid.time), aid.time
+    off, asked, t = aid.exact[:, 0] - plain.exact[:, 0], aid.sensor.transmitter_at(aid.time), aid.time
     silent = (asked == 1) & (t >= 5.0) & (t < 8.0)
     np.testing.assert_array_equal(np.isnan(off), silent)
     expected = np.where((asked == 0) & (t >= 9.0), 7.0, 0.0) + 0.5 * np.maximum(t - 12.0, 0.0)

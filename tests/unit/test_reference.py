@@ -95,7 +95,7 @@ def test_examples_are_valid(kind: str, name: str, assignments: tuple[str, ...]) 
 
 WITHOUT_UNIT = {
     "p_fa", "p_md", "p_hmi_v", "p_hmi_h", "p_fa_v", "p_fa_h", "p_unmonitored_max",
-    "p_satellite", "p_constellation", "p_constellations",
+    "p_satellite", "p_constellation", "p_constellations", "p_station",
     "p_pseudolite", "p_beacon", "prior", "probability", "confidence", "at_most", "at_least", "availability", "share",
     "long_share",
     "outlier_share", "loss", "truth_refractivity_n", "corrected_refractivity_n",
