@@ -436,8 +436,10 @@ def _compute_result(command: str, scenario: Scenario, asked: dict[str, Any], hea
     stem = source.stem if isinstance(source, Path) else "result"
     temporary = Path(tempfile.mkdtemp(prefix="navsim-")) if asked["output"] is None else None
     if taken.get("bet") is not None:
+        from navsim.replays.job import prediction_of
+
         beside = asked["output"] if temporary is None else temporary / f"{stem}.h5"
-        taken["bet_file"] = beside.with_name(f"{beside.stem}_bet.json")
+        taken["bet_file"] = prediction_of(beside)
     options = Options(**taken)
     order = steps.JobRequest(options, asked["figures"], True, asked["force"], asked["over_budget"])
     listener = JobReporter(Reporter(_log.info, heard.append), lambda extent, _: _telling(asked["progress"], extent))

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from navsim.cli.common import AT_TERMINAL, Shown, leave, leaving, make_folder, print_parts
-from navsim.cli.exit_status import BAD_INPUT
+from navsim.cli.exit_status import BAD_INPUT, RUN_FAILED
 from navsim.cli.options import number_option
 
 FORMATS = ("ardupilot", "px4", "ublox", "nmea", "rtklib", "kf-gins", "comma2k19")
@@ -47,7 +47,7 @@ def import_log(
     """Turn a log of an autopilot or a receiver into a recorded flight.
 
     navsim writes tables and a commented log.yaml for `navsim replay`. It lists the data that it took and left out, and
-    its assumptions.
+    its assumptions. It exits with 3 if an autopilot's log has too little for a log.yaml.
     """
     from navsim.runner.log_import import import_files
 
@@ -60,6 +60,8 @@ def import_log(
         AT_TERMINAL.warn(f"{logs[0]}: {text}")
     for file in made.replayable:
         print(f"go on with: navsim replay {file}")
+    if made.account.missing and not made.of_receiver:
+        raise typer.Exit(RUN_FAILED)
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ class ReplayOptions:
             metavar="SECONDS|FILE",
             help="Predict innovations and drifts from the part up to this time, and compare them with the rest. The "
             "prediction, bands of 50 and 95 %, goes with its checksum to <result stem>_bet.json before the rest is "
-            "used. FILE: such a prediction, to be tested on this recording.",
+            "used. FILE: such a prediction, to be tested on this recording. The result is <log stem>_bet.h5.",
             show_default=False,
         ),
     ] = None
@@ -72,12 +72,12 @@ def replay(
 
     navsim aligns the INS, tunes the noise, and reports innovations and the drift during simulated outages.
     """
+    from navsim.replays.job import BET_SUFFIX, prediction_of
     from navsim.runner.job import Options
 
     with leaving():
-        target = target_of(given.output, stem_of_log(log))
-        beside = target.with_name(f"{target.stem}_bet.json")
-        options = Options(require=required.require, bet=given.bet, bet_file=beside)
+        target = target_of(given.output, stem_of_log(log) + ("" if given.bet is None else BET_SUFFIX))
+        options = Options(require=required.require, bet=given.bet, bet_file=prediction_of(target))
         job, _ = open_job("replay", log, given.set_ or [], options, AT_TERMINAL.warn)
     run_job(log, job, target, TerminalRequest(care, required, options, given.figures, given.dry_run, given.json_))
 

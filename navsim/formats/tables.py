@@ -99,8 +99,9 @@ class TextTable:
         missing = [name for name in wanted if found[name] is None]
         if missing:
             there = ", ".join(self.names)
-            needed = f"navsim needs {', '.join(wanted)}; " if missing != list(wanted) else ""
-            message = f"the header lacks {', '.join(missing)}; {needed}the header has {there[:300]}"
+            optional = ", ".join(name for name in missing if name in may_be_empty)
+            empty = f" (cells of {optional} may be empty)" if optional else ""
+            message = f"the header lacks {', '.join(missing)}{empty}; the header has {there[:300]}"
             raise FileError(self.header, message, self.path)
         columns = {name: place for name, place in found.items() if place is not None}
         if not self.numbers:

@@ -18,6 +18,7 @@ import numpy as np
 
 from navsim.gnss.timescales import WEEK
 from navsim.logs.contents import (
+    BODY_AXES,
     FixRecord,
     ImuRecord,
     LogContents,
@@ -174,6 +175,7 @@ def _seconds(found: Mapping[str, np.ndarray]) -> np.ndarray:
 def _contents(messages: _Messages) -> LogContents:
     out = LogContents(TITLE)
     parameters = messages.parameters()
+    out.imu_keys += BODY_AXES
     for number, found in messages.instances("IMU"):
         rate, force = numbers(found, "GyrX", "GyrY", "GyrZ"), numbers(found, "AccX", "AccY", "AccZ")
         if rate is None or force is None or "TimeUS" not in found:
@@ -232,7 +234,7 @@ def _add_receiver(
         velocity = np.column_stack([motion[:, 0] * np.cos(course), motion[:, 0] * np.sin(course), motion[:, 2]])
         if "VV" in accuracy:
             velocity[_at(time, accuracy, accuracy["VV"]) == 0.0, 2] = np.nan
-    llh = _ellipsoidal(out, name, llh, time, accuracy)
+    llh, heights = _ellipsoidal(name, llh, time, accuracy)
     known = found.get("GWk", np.zeros(time.size)) > 0
     if out.start is None and (fix & known).any() and "GMS" in found:
         # the median ignores fixes with damaged times
@@ -245,7 +247,8 @@ def _add_receiver(
     if "Yaw" in found:  # 0: none
         yaw = found["Yaw"].astype(float)
         out.add_antenna_heading(time, np.where(yaw == 0.0, np.nan, yaw), None)
-    out.add_receiver(FixRecord(name, time, llh, velocity, further, place, delay, remark), fix)
+    if out.add_receiver(FixRecord(name, time, llh, velocity, further, place, delay, remark), fix):
+        out.decided.append(heights)
 
 
 def _at(time: np.ndarray, found: Mapping[str, np.ndarray], values: np.ndarray) -> np.ndarray:
@@ -258,16 +261,15 @@ def _at(time: np.ndarray, found: Mapping[str, np.ndarray], values: np.ndarray) -
 
 
 def _ellipsoidal(
-    out: LogContents, name: str, llh: np.ndarray, time: np.ndarray, accuracy: Mapping[str, np.ndarray]
-) -> np.ndarray:
-    """Positions with heights above the ellipsoid: those of the log are above mean sea level."""
+    name: str, llh: np.ndarray, time: np.ndarray, accuracy: Mapping[str, np.ndarray]
+) -> tuple[np.ndarray, str]:
+    """Positions with heights above the ellipsoid, and a remark: those of the log are above sea level."""
     if "Und" in accuracy and np.any(accuracy["Und"] != 0.0):
         undulation = _at(time, accuracy, accuracy["Und"])
-        out.decided.append(f"heights of {name} above the ellipsoid: GPS.Alt less GPA.Und")
-        return np.column_stack([llh[:, :2], llh[:, 2] - undulation])
+        text = f"heights of {name} above the ellipsoid: GPS.Alt less GPA.Und, here the negative of the geoid's height"
+        return np.column_stack([llh[:, :2], llh[:, 2] - undulation]), text
     text = f"heights of {name} above mean sea level used as ellipsoidal ones: the log has no undulation (GPA.Und)"
-    out.decided.append(f"{text}; for heights above the ellipsoid add the geoid's to the column h_m")
-    return llh
+    return llh, f"{text}; for heights above the ellipsoid add the geoid's to the column h_m"
 
 
 def _ranges(found: Mapping[str, np.ndarray]) -> RangeRecord | None:

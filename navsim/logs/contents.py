@@ -48,6 +48,8 @@ MEANINGS = {
 """Meaning of the further columns of fixes."""
 MAGNETIC_HEADING, ANTENNA_HEADING = "magnetic_heading", "antenna_heading"
 """Tables of headings."""
+BODY_AXES = ("gyro_axes: FRD  # known: the autopilot has applied the board's orientation", "accelerometer_axes: FRD")
+"""Lines of the section `imu` for samples in the axes of the body."""
 QUALITY = {"no fix": 0, "2D": 2, "3D": 3, "differential": 4, "float": 5, "fixed": 6}
 """Column `quality`: how the receiver found a fix, as MAVLink and the autopilots number it."""
 
@@ -144,8 +146,9 @@ class LogContents:
             return
         self.imus.append(kept)
 
-    def add_receiver(self, record: FixRecord, fix: np.ndarray | None = None) -> None:
-        """Take a receiver, without damaged fixes. fix (m,): which messages have a 3D fix; None: all."""
+    def add_receiver(self, record: FixRecord, fix: np.ndarray | None = None) -> bool:
+        """Take a receiver, without damaged fixes; false if it has fewer than two. fix (m,): which messages have a 3D
+        fix; None: all."""
         if fix is not None:
             self.count_omitted(int((~fix).sum()), f"messages of {record.name} without a 3D fix")
             record = record.take(fix)
@@ -155,8 +158,9 @@ class LogContents:
         keep = self._kept(record.name, "fixes", record.time, bad)
         if keep.sum() < 2:
             self.left_out.append(f"{record.name}: fewer than two fixes")
-            return
+            return False
         self.receivers.append(record.take(keep))
+        return True
 
     def add_table(self, name: str, columns: dict[str, np.ndarray]) -> None:
         """Take a table of another sensor."""

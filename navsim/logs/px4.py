@@ -16,6 +16,7 @@ import numpy as np
 from navsim.geodesy.attitude import dcm_from_rpy
 from navsim.gnss.timescales import gps_from_utc
 from navsim.logs.contents import (
+    BODY_AXES,
     FixRecord,
     ImuRecord,
     LogContents,
@@ -121,6 +122,7 @@ def _contents(log: Any) -> LogContents:
     usual = log.get_default_parameters(0).get("SENS_BOARD_ROT", 0)
     turned = int(parameters.get("SENS_BOARD_ROT", usual))
     known = f"SENS_BOARD_ROT {'is' if there else 'is not in the log; its default is'} {turned}"
+    out.imu_keys += BODY_AXES
     if not out.imus:
         _add_raw(out, topics.get("sensor_gyro", []), topics.get("sensor_accel", []), turned, known, place)
     else:
@@ -207,9 +209,9 @@ def _add_receiver(
     if llh is None or "fix_type" not in found:
         out.left_out.append(f"{name}: its messages lack fields of the position")
         return
-    if above_sea is not None and not np.any(llh[:, 2]):
+    at_sea_level = above_sea is not None and not np.any(llh[:, 2])
+    if at_sea_level:
         llh[:, 2] = above_sea
-        out.decided.append(f"heights of {name} above mean sea level used as ellipsoidal ones: the log has no others")
     fix = found["fix_type"] >= _FIX_3D
     velocity = numbers(found, "vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
     if velocity is None:
@@ -234,7 +236,8 @@ def _add_receiver(
         out.add_antenna_heading(time, np.degrees(found["heading"]), None if sigma is None else np.degrees(sigma))
     delay, remark = _delay(parameters, log)
     place = lever_parameters(parameters, ("EKF2_GPS_POS",))
-    out.add_receiver(FixRecord(name, time, llh, velocity, further, place, delay, remark), fix)
+    if out.add_receiver(FixRecord(name, time, llh, velocity, further, place, delay, remark), fix) and at_sea_level:
+        out.decided.append(f"heights of {name} above mean sea level used as ellipsoidal ones: the log has no others")
 
 
 def _delay(parameters: Mapping[str, float], log: Any) -> tuple[float | None, str]:

@@ -15,6 +15,8 @@ FORMATS: dict[str, Any] = {
     "comma2k19": comma2k19,
 }  # fmt: skip
 """Formats by name, in the order in which a file is compared with them."""
+RECEIVERS = tuple(form.TITLE for form in (ublox, nmea_log, rtklib))
+"""Titles of formats without inertial samples."""
 _BINARY = (ardupilot, px4, ublox)
 _HEAD = 65536
 """Bytes at the beginning that show the format."""

@@ -32,10 +32,10 @@ _CLOCKS = {
     "week": "times are GPS seconds since the beginning of a week",
 }
 _ABSENT = (
-    "no {}, so there is no log.yaml: a replay needs samples and fixes. Import the file that has them together with "
-    "this one, or write a log.yaml that names a table of them beside {}"
+    "no {}, so there is no log.yaml: a replay needs samples and fixes. {} a log.yaml that names a table of them beside "
+    "{}"
 )
-_NOTHING = "neither inertial samples nor fixes, so there is no log.yaml: log them, or choose another file"
+_NOTHING = "neither inertial samples nor fixes{}, so there is no log.yaml: log them, or choose another file"
 _AS_TRACK = "; without samples, `approach: {{profile: track, file: {}}}` of a scenario flies the positions"
 
 
@@ -114,10 +114,13 @@ def log_files(contents: LogContents, source: str, imu: int = 0, receiver: int = 
     if contents.start is not None and contents.epoch is None:
         decided.append("no epoch: the dates of the log are impossible")
     missing = []
+    why = f" ({'; '.join(contents.left_out)})" if contents.left_out else ""
+    joined = "Import the file that has them together with this one, or write" if contents.clock == "week" else "Write"
     if not imus:
-        missing.append(_ABSENT.format("inertial samples", fixes[0]) + _AS_TRACK.format(fixes[0]) if fixes else _NOTHING)
+        absent = _ABSENT.format(f"inertial samples{why}", joined, *fixes[:1]) if fixes else _NOTHING.format(why)
+        missing.append(absent + (_AS_TRACK.format(fixes[0]) if fixes else ""))
     elif not fixes:
-        missing.append(_ABSENT.format("fixes", imus[0]))
+        missing.append(_ABSENT.format(f"fixes{why}", joined, imus[0]))
     if contents.ranges is not None:
         tables["ranges.csv"], rows = _range_table(contents.ranges)
         taken.append(f"ranges.csv: {several(rows, 'range')} to {several(len(contents.ranges.positions), 'beacon')}; "
@@ -131,9 +134,9 @@ def log_files(contents: LogContents, source: str, imu: int = 0, receiver: int = 
     if imus and fixes:
         sensor, chosen = contents.imus[imu], contents.receivers[receiver]
         if len(imus) > 1:
-            decided.append(f"log.yaml flies {sensor.name}; --imu N chooses another of {len(imus)}")
+            decided.append(f"log.yaml names {sensor.name}; --imu N chooses another of {len(imus)}")
         if len(fixes) > 1:
-            decided.append(f"log.yaml flies {chosen.name}; --receiver N chooses another of {len(fixes)}")
+            decided.append(f"log.yaml names {chosen.name}; --receiver N chooses another of {len(fixes)}")
         decided.append("sensor class: consumer, since no log tells it; write imu.sensor_class if you know better")
         arm_line, latency_line = _lever_line(sensor, chosen), _latency_line(chosen)
         decided += [line.strip().removeprefix("# ") for line in (arm_line, latency_line)]

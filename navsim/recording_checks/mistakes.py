@@ -71,6 +71,8 @@ class Log:
     last: float = np.inf
     sentences: bool = False
     """The fixes are NMEA, which fixes units and axes; the only correction is a time offset."""
+    declared: frozenset[str] = frozenset()
+    """Keys of a triad's axes that the log has: they are known, even if the motion does not show them."""
 
 
 OF_HEIGHTS = "sign of the vertical velocity, unit of the height"

@@ -327,7 +327,8 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     options.sort(key=lambda e: (e.changes, not e.usual, e.square))
     first = options[0]
     if first.changes == 0:
-        seen = (e for e in options if e.changes == 1 and e.usual and not _OF_TIMES & set(e.remedy))
+        known = _OF_TIMES | log.declared | ({"imu.axes"} if len(log.declared) == 2 else set())
+        seen = (e for e in options if e.changes == 1 and e.usual and not known & set(e.remedy))
         hidden = {"another horizontal axis forward" if _turns_forward(e) else without_seem(e.seems) for e in seen}
         if hidden:
             unseen.append(f"{', '.join(sorted(hidden))}: with this mistake the data would fit equally well")
@@ -385,8 +386,8 @@ def _evidence(home: HypothesisFit, as_written: float, best: _Explanation) -> str
     if best.square < 0.8 * as_written:
         text.append(
             "the changes of velocity by the sensors differ from those of the fixes by "
-            f"{digits(np.sqrt(as_written), 2)} m/s in each second, after the correction by "
-            f"{digits(np.sqrt(best.square), 2)} m/s"
+            f"{digits(np.sqrt(as_written), 2)} m/s in each second (with the correction, by "
+            f"{digits(np.sqrt(best.square), 2)} m/s)"
         )
     for name, mean, due in (("down", home.down, 2), ("the velocity", home.ahead, 0)):
         if as_written <= WORSE**2 * best.square and np.abs(mean).max() >= ALONG and mean[due] < ALONG:

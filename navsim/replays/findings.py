@@ -217,7 +217,7 @@ def warn_of_unflown(scenario: Replay, log: ReadLog, first: float, aligned: align
     if scenario.end_s is None:
         parts.append((float(samples[-1]), float(fixes[-1]), "there are fixes and no samples"))
     return [
-        f"{begin:.1f} to {end:.1f} s of the recording ({end - begin:.0f} s) are not flown: {why}"
+        f"{begin:.1f} to {end:.1f} s of the recording ({end - begin:.0f} s) are not replayed: {why}"
         for begin, end, why in parts
         if end - begin > UNFLOWN
     ]
@@ -267,15 +267,13 @@ def find_off_course(flight: RecordedFlight, flown: replay.Replayed) -> list[Find
 
 
 def warn_of_outages(scenario: Replay, first: float, last: float) -> list[str]:
-    """Warnings about outages outside the flight, from first to last, s: they have no effect."""
-    out = []
-    for i, outage in enumerate(scenario.outages):
-        spans = outage_spans(outage)
-        away = [f"{begin:g} to {end:g} s" for begin, end in spans if begin <= first or end > last]
-        if away:
-            flown = f"the replayed part, {first:.1f} to {last:.1f} s"
-            out.append(f"outages.{i}: {len(away)} of {len(spans)} are not within {flown}, and not judged: {away[0]}")
-    return out
+    """Warning about outages outside the flight, from first to last, s: they have no effect."""
+    spans = [span for outage in scenario.outages for span in outage_spans(outage)]
+    away = [f"{begin:g} to {end:g} s" for begin, end in spans if begin <= first or end > last]
+    if not away:
+        return []
+    part = f"the replayed part, {first:.1f} to {last:.1f} s"
+    return [f"outages: {len(away)} of {len(spans)} reach beyond {part}, and have no drift: {_few(away)}"]
 
 
 def warn_of_headings(headings: Headings | None, first: float, last: float) -> list[str]:

@@ -105,9 +105,11 @@ class _ReplayFile:
         value = float(self.array(variable))
         origin = str(self.result.variables[variable].attributes.get("origin", ""))
         if not (origin.startswith("tuned") or given in self.log()["gnss"]) or not value > 0.0:
-            raise self.wrong(
-                f"{variable} was not measured: it is {origin}; give signals.{key}, 1 sigma of a range", "signals", key
-            )
+            of = "a range" if key == "range_sigma_m" else "a range rate"
+            cure = f"give signals.{key}, 1 sigma of {of}"
+            if "/summary/bet_until" in self.result:
+                cure = f"name a result of `navsim replay` without --bet, or {cure}"
+            raise self.wrong(f"{variable} was not measured: it is {origin}; {cure}", "signals", key)
         return value
 
 

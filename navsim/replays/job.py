@@ -28,10 +28,19 @@ _REPLAYED_MEMORY = 3000
 """An output or fix of a replayed flight, bytes."""
 
 
+BET_SUFFIX = "_bet"
+"""End of the name of a result of `--bet`, which does not replace the plain one, and of its prediction."""
+
+
+def prediction_of(target: Path) -> Path:
+    """File of the prediction beside a result."""
+    return target.with_name(f"{target.stem.removesuffix(BET_SUFFIX)}{BET_SUFFIX}.json")
+
+
 class ReplayJob:
     """Job of a recorded flight: read, align, tune, filter. It keeps no partial work."""
 
-    suffix, unit, work, pieces, even = "", "", "", 0, False
+    unit, work, pieces, even = "", "", 0, False
     recording: replay.Recording
 
     def __init__(self, section: Replay, document: Document, options: Options) -> None:
@@ -40,6 +49,7 @@ class ReplayJob:
         self.section, self.document, self.options = section, document, options
         self.bet: Prediction | None = None
         self.until = np.inf
+        self.suffix = "" if options.bet is None else BET_SUFFIX
         self.sort = ResultKind("replay")
         self.kernels = f"replay-{section.filter.kind}-{section.filter.coupling}"
 
@@ -65,6 +75,9 @@ class ReplayJob:
                 last = self.until if section.end_s is None else min(self.until, section.end_s)
                 section = section.model_copy(update={"end_s": last, "outages": ()})
         self.recording = replay.prepare(section, self.document)
+        ends = self.recording.recorded[1] if self.section.end_s is None else self.section.end_s
+        if self.until < np.inf and self.until >= ends:
+            raise OptionError(f"--bet {self.until:g}: the recording ends at {ends:.1f} s; give an earlier time")
         allow(self.estimate())
 
     def estimate(self) -> Budget:
@@ -97,7 +110,7 @@ class ReplayJob:
 
     def run(self, executor: Executor, store: CheckpointStore | None, tell: Progress) -> Outcome:
         def done(flown: int) -> None:
-            tell(flown, f"{flown} tuning flights")
+            tell(flown, f"{flown} passes of the filter")
 
         if self.options.bet is None:
             return Outcome(replay.compute(self.recording, done))

@@ -77,6 +77,8 @@ class Prediction:
         try:
             given = json.loads(files.content(path, _LARGEST_FILE))
             found, digest = cls(given["prediction"]), given["sha256"]
+        except FileNotFoundError:
+            raise OptionError(f"--bet {path}: neither a time in s nor a file of a prediction (.json)") from None
         except OSError as error:
             raise OptionError(f"--bet {path}: cannot be read: {error.strerror or error}") from None
         except (ValueError, KeyError, TypeError):

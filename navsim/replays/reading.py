@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,10 +18,10 @@ from navsim.gnss.timescales import gps_from_utc
 from navsim.ranging import recording
 from navsim.ranging.recording import RangeLog
 from navsim.recording_checks.diagnosis import examine
-from navsim.recording_checks.mistakes import Log, relative_units
+from navsim.recording_checks.mistakes import Log, Mistake, relative_units
 from navsim.replays.aids import antenna_axis
 from navsim.replays.recorded_ranges import read_messages, read_ranges, together
-from navsim.replays.scenario import Replay
+from navsim.replays.scenario import Replay, Sensors
 from navsim.replays.single_point import PositioningOptions
 from navsim.results import files
 from navsim.runner.job import JobError
@@ -166,6 +166,7 @@ def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixe
     """
     if scenario.checks == "off":
         return [], ["everything: checks are off"]
+    declared = _declared_axes(scenario.imu)
     log = Log(
         samples,
         fixes,
@@ -175,15 +176,42 @@ def _checked(scenario: Replay, document: Document, samples: Samples, fixes: Fixe
         first=-np.inf if scenario.begin is None else scenario.begin,
         last=np.inf if scenario.end_s is None else scenario.end_s,
         sentences=is_nmea(document.resolve(("gnss", "file"), scenario.gnss.file), scenario.skip_bad_records),
+        declared=frozenset(key for key, given in declared.items() if given),
     )
     examined = examine(log)
-    found = examined.mistakes
+    found = [_as_declared(mistake, declared) for mistake in examined.mistakes]
     if found and scenario.checks == "refuse":
-        way_out = "(`checks: warn` flies it nevertheless)"
-        raise InputError(
-            [Problem(document.place((m.section, "file")), f"{m.section}.file", f"{m} {way_out}") for m in found]
-        )
+        refused = [(_blamed(document, mistake), mistake) for mistake in found]
+        raise InputError([
+            Problem(document.place(key), ".".join(key), f"{mistake} (`checks: warn` replays it nevertheless)")
+            for key, mistake in refused
+        ])  # fmt: skip
     return [str(mistake) for mistake in found], examined.not_judged
+
+
+def _blamed(document: Document, mistake: Mistake) -> tuple[str, ...]:
+    """The first key of the log that a remedy would change, else that of the file."""
+    keys = [tuple(key.split(".")) for remedy in mistake.remedies for key in remedy]
+    return next((key for key in keys if key in document.keys), (mistake.section, "file"))
+
+
+def _declared_axes(imu: Sensors) -> dict[str, bool]:
+    """Keys of the axes of each triad, and whether the log has them."""
+    return {f"imu.{name}_axes": getattr(imu, f"{name}_axes") is not None for name in ("gyro", "accelerometer")}
+
+
+def _as_declared(mistake: Mistake, declared: Mapping[str, bool]) -> Mistake:
+    """The mistake with remedies by the keys of the axes that the log has: those of a triad precede those of both."""
+    own = [key for key, given in declared.items() if given]
+    rest = ["imu.axes"] if len(own) < len(declared) else []
+
+    def written(remedy: Mapping[str, Any]) -> dict[str, Any]:
+        out = dict(remedy)
+        if own and (axes := out.pop("imu.axes", None)) is not None:
+            out |= dict.fromkeys([*rest, *own], axes)
+        return out
+
+    return replace(mistake, remedies=tuple(map(written, mistake.remedies)))
 
 
 @dataclass(frozen=True)

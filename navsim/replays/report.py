@@ -39,8 +39,9 @@ def tables(result: Result) -> list[Table | str]:
     for path, variable in sorted(result.variables.items()):
         if path.startswith("/tuning/"):
             unit, size = SHOWN_UNITS.get(variable.units, (variable.units, 1.0))
-            value = cell("{:.4g}", float(np.asarray(variable.data)) / size)
-            tuned.add(variable.long_name, value, unit, str(variable.attributes["origin"]))
+            origin = str(variable.attributes["origin"])
+            shown = "{:.2g}" if "determined" in origin else "{:.3g}"
+            tuned.add(variable.long_name, cell(shown, float(np.asarray(variable.data)) / size), unit, origin)
     alignment = result.attributes
     sigma = np.asarray(alignment["alignment_sigma_deg"])
     begin, until = float(alignment["alignment_time"]), float(alignment["alignment_until"])
@@ -56,7 +57,7 @@ def tables(result: Result) -> list[Table | str]:
         spans = ("{:.1f} to {:.1f} s".format(*np.asarray(alignment[name])) for name in ("flown_s", "recorded_s"))
         text += "; used " + " of the recording's ".join(spans)
     rest = [*_compared(result), *_unusable(result), *_unchecked(result)]
-    every: list[Table | str] = [seen, *evidence, *_aids(result), tuned, *rest]
+    every: list[Table | str] = [_accuracy(result), seen, *evidence, *_aids(result), tuned, *rest]
     every += _predicted(result)
     if not result["/outages/start"].size:
         return [*every, text]
@@ -68,6 +69,21 @@ def tables(result: Result) -> list[Table | str]:
         nees = result["/summary/drift_nees"][i] if "/summary/drift_nees" in result else math.nan
         lost.add(cell("{:g}", float(duration)), cell("{}", int(known.sum())), *drift, number(nees, 2))
     return [*every, lost, text]
+
+
+def _accuracy(result: Result) -> Table:
+    """RMS of the filter's 1 sigma over all outputs that are usable."""
+    heads = "position N E D, m", "velocity N E D, m/s", "attitude about N E D, °"
+    out = Table("1 sigma of the estimate, rms along the flight", heads)
+    time = result["/filter/time"]
+    is_usable = np.ones(time.size, bool)
+    for begin, end in lost_spans(result):
+        is_usable &= (time < begin) | (time > end)
+    usable = result["/filter/sigma"][is_usable, :9]
+    sigma = np.sqrt(np.mean(usable**2, axis=0)) if usable.size else np.full(9, np.nan)
+    parts = (sigma[:3], 2), (sigma[3:6], 3), (np.degrees(sigma[6:]), 2)
+    out.add(*(numbers(part, count, ("north", "east", "down")) for part, count in parts))
+    return out
 
 
 def _unchecked(result: Result) -> list[Table]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -17,7 +18,15 @@ from navsim.replays import flight as replay
 from navsim.replays.findings import VELOCITY_SIGMA, outage_spans
 from navsim.replays.motion import in_motion, lag1_correlation, turn_rate
 from navsim.replays.recorded_flight import RecordedFlight
-from navsim.replays.tuning import ERROR_SIZE, ERROR_TIME, HEADING_RATIO, LATENCY, POSITION_RATIO, VELOCITY_LAG, Tuning
+from navsim.replays.tuning import (
+    ERROR_SIZE,
+    HEADING_RATIO,
+    LATENCY,
+    POSITION_RATIO,
+    TIMES,
+    VELOCITY_LAG,
+    Tuning,
+)
 from navsim.replays.white_noise import standstills, white_noise
 from navsim.results.builder import ResultBuilder
 from navsim.sensors.beacons import Beacons
@@ -31,6 +40,8 @@ DILUTION = 3.0
 """1 sigma of a fix in that of a range, for the start of a tight filter and the innovations of fixes."""
 DETERMINED = 1.5
 """Factor beyond which the 95 % interval of a tuned number is told."""
+UNDETERMINED = 100.0
+"""Factor of that interval beyond which the flight does not show a number at all."""
 TURNING = np.radians(5.0)
 """Rate of rotation, rad/s, above which an aircraft turns."""
 
@@ -113,45 +124,25 @@ def _by_motion(flight: RecordedFlight, moving: float) -> dict[str, np.ndarray]:
 
 
 CLAIMED = ("position_error_horizontal", "position_error_vertical")
+_STEP = 1e-4
+"""Step of a setting for the derivatives of what follows from it: s, or of the logarithm."""
 
 
 def write_tuning(draft: ResultBuilder, recording: Recording, tuning: Tuning) -> None:
-    """Noise, latencies and errors of the fixes, and where each comes from."""
+    """Noise, latencies and errors of the fixes, where each comes from, and how well the flight shows it."""
     settings, free = tuning.settings, tuning.tuned
-    own = recording.fixes.has_own_noise
-    sigma, lag = recording.fix_sigma(settings), recording.velocity_lag(settings)
-    values = [(name, settings[i], i) for i, name in enumerate(recording.tuned[:VELOCITY_LAG])]
-    if not recording.tight:
-        values += [
-            ("velocity_latency", settings[LATENCY] + lag, VELOCITY_LAG if free[VELOCITY_LAG] else LATENCY),
-            ("position_sigma_horizontal", sigma[0], POSITION_RATIO if free[POSITION_RATIO] else 0),
-            ("position_sigma_vertical", sigma[2], POSITION_RATIO if free[POSITION_RATIO] else 1),
-        ]
-        if settings[ERROR_SIZE] > 0.0:
-            values += [
-                ("position_error_horizontal", settings[ERROR_SIZE] * sigma[0], ERROR_SIZE),
-                ("position_error_vertical", settings[ERROR_SIZE] * sigma[2], ERROR_SIZE),
-                ("position_error_time", settings[ERROR_TIME], ERROR_TIME),
-            ]
-    if recording.headings is not None:
-        usual = float(np.median(recording.headings.sigma))
-        values.append(("heading_sigma", settings[HEADING_RATIO] * usual, HEADING_RATIO))
-    given = {"position_sigma": recording.scenario.gnss.position_sigma_m is not None,
-             "velocity_latency": recording.scenario.gnss.velocity_latency_s is not None}  # fmt: skip
-    for name, value, which in values:
-        origin = "tuned to the innovations" if free[which] else tuning.origin
-        if free[which] and name in (*recording.tuned, "heading_sigma") and np.isfinite(tuning.spread[which]):
-            spread = tuning.spread[which]
-            wide = np.exp(TWO_SIDED * spread)
-            if which == LATENCY:
-                origin += f", 1 sigma {digits(spread)} s"
-            elif wide > DETERMINED:
-                origin += f", hardly determined: 95 % within a factor of {wide:.2g}"
-            else:
-                origin += f", 1 sigma a factor of {np.exp(spread):.2f}"
-        if recording.claimed and free[ERROR_SIZE] and name in CLAIMED:
-            origin = "accuracies of the receiver, less the noise"
-        if own and "_sigma_" in name:
+    spreads, gnss = _spreads(recording, tuning), recording.scenario.gnss
+    given = {"position_sigma": gnss.position_sigma_m is not None,
+             "velocity_latency": gnss.velocity_latency_s is not None}  # fmt: skip
+    for name, value in _numbers(recording, settings).items():
+        spread = spreads[name]
+        origin = tuning.origin
+        if spread != 0.0:
+            origin = "tuned to the innovations"
+            if recording.claimed and free[ERROR_SIZE] and name in CLAIMED:
+                origin = "accuracies of the receiver, less the noise"
+            origin += _uncertainty(spread, name.endswith("latency"))
+        if recording.fixes.has_own_noise and "_sigma_" in name:
             origin = "not used: each fix has its own"
         elif any(name.startswith(key) and there for key, there in given.items()):
             origin = "given"
@@ -160,6 +151,67 @@ def write_tuning(draft: ResultBuilder, recording: Recording, tuning: Tuning) -> 
         elif name == "velocity_latency" and not free[VELOCITY_LAG]:
             origin = "as latency"
         draft.put(f"/tuning/{name}", value, {"origin": origin})
+
+
+def _uncertainty(spread: float, is_time: bool) -> str:
+    """Words on the 1 sigma of a tuned number: of a time s, of others of the logarithm, nan if unknown."""
+    if np.isnan(spread):
+        return ""
+    if is_time:
+        return f", 1 sigma {digits(spread, 2)} s"
+    wide = float(np.exp(TWO_SIDED * spread))
+    if wide > UNDETERMINED:
+        return f", not determined: 95 % within a factor of more than {UNDETERMINED:g}"
+    if wide > DETERMINED:
+        return f", hardly determined: 95 % within a factor of {wide:.2g}"
+    return f", 1 sigma a factor of {np.exp(spread):.2f}"
+
+
+def _numbers(recording: Recording, settings: np.ndarray) -> dict[str, float]:
+    """Noise, latencies and errors of the fixes by name, SI, for values of `Recording.tuned`."""
+    out = dict(zip(recording.tuned[:VELOCITY_LAG], settings[:VELOCITY_LAG], strict=True))
+    if not recording.tight:
+        sigma = recording.fix_sigma(settings)
+        out |= {
+            "velocity_sigma_vertical": sigma[5], "position_sigma_horizontal": sigma[0],
+            "position_sigma_vertical": sigma[2],
+            "velocity_latency": settings[LATENCY] + recording.velocity_lag(settings),
+        }  # fmt: skip
+        if settings[ERROR_SIZE] > 0.0:
+            (error,) = recording.errors(settings)
+            out["position_error_time"] = error.correlation_time_s
+            out |= dict(zip(CLAIMED, error.position_sigma_m or (), strict=True))
+    if recording.headings is not None:
+        out["heading_sigma"] = settings[HEADING_RATIO] * float(np.median(recording.headings.sigma))
+    return out
+
+
+def _spreads(recording: Recording, tuning: Tuning) -> dict[str, float]:
+    """1 sigma by which the flight shows each of `_numbers`, to first order: of latencies s, of others of the logarithm;
+    0 where it is not tuned, nan where unknown."""
+
+    def logarithm(x: float) -> float:
+        return math.log(x) if x > 0.0 else -math.inf
+
+    def searched(settings: np.ndarray) -> dict[str, float]:
+        numbers = _numbers(recording, settings).items()
+        return {name: x if name.endswith("latency") else logarithm(x) for name, x in numbers}
+
+    free = np.flatnonzero(tuning.tuned)
+    ends = []
+    for i in free:
+        moved = [tuning.settings.copy(), tuning.settings.copy()]
+        for settings, step in zip(moved, (_STEP, -_STEP), strict=True):
+            settings[i] = settings[i] + step if TIMES[i] else settings[i] * np.exp(step)
+        ends.append([searched(settings) for settings in moved])
+    out = {}
+    for name in _numbers(recording, tuning.settings):
+        pairs = [(up[name], down[name]) for up, down in ends]
+        slope = np.array([0.0 if up == down else (up - down) / (2.0 * _STEP) for up, down in pairs])
+        of = free[slope != 0.0]
+        share = slope[slope != 0.0] * tuning.spread[of]
+        out[name] = float(np.sqrt(share @ tuning.correlation[np.ix_(of, of)] @ share))
+    return out
 
 
 def write_white_noise(draft: ResultBuilder, recording: Recording) -> None:

@@ -22,7 +22,7 @@ from navsim.replays.recorded_flight import RecordedFlight
 from navsim.results.findings import Finding
 from navsim.results.notes import CONSISTENT
 from navsim.scenario_files.base import FIX_LATENCIES
-from navsim.statistics.rounding import digits
+from navsim.statistics.rounding import digits, value_text
 
 if TYPE_CHECKING:
     from scipy.optimize import Bounds
@@ -88,6 +88,8 @@ class Tuning:
     findings: tuple[Finding, ...] = ()
     spread: np.ndarray = field(default_factory=lambda: np.full(SETTINGS, np.nan))
     """1 sigma by which the flight shows each setting: of times s, of others of the logarithm; nan where not tuned."""
+    correlation: np.ndarray = field(default_factory=lambda: np.eye(SETTINGS))
+    """Of the errors of the tuned settings, as they are searched."""
     origin: str = "given"
     """Where the settings are from that are not tuned."""
 
@@ -130,9 +132,10 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
     if not recording.has_vertical:
         best[1] = best[0]
         tuned[1] = tuned[0]
-    other_arm, spread = search.shown(best, now, free)
+    other_arm, spread, correlation = search.shown(best, now, free)
     remarks = [*_remarks(recording, best, free, converged, search.flown), *other_arm]
-    return Tuning(best, tuned, tuple(Finding("tuning", remark, (CONSISTENT,)) for remark in remarks), spread)
+    told = tuple(Finding("tuning", remark, (CONSISTENT,)) for remark in remarks)
+    return Tuning(best, tuned, told, spread, correlation)
 
 
 @dataclass(frozen=True)
@@ -361,9 +364,9 @@ class TuningSearch:
             return 0.5 * (slopes - np.array([now.excess(each) for each in back]) / steps), information
         return slopes - 0.5 * steps * np.diag(information), information
 
-    def shown(self, best: np.ndarray, now: _Evaluation, free: np.ndarray) -> tuple[list[str], np.ndarray]:
+    def shown(self, best: np.ndarray, now: _Evaluation, free: np.ndarray) -> tuple[list[str], np.ndarray, np.ndarray]:
         """Remark on a lever arm that is clearly likelier than the one given, with the free settings tuned to it; and
-        the spread of the free settings, see `Tuning`.
+        spread and correlation of the free settings, see `Tuning`.
 
         Innovations that are correlated with those before tell as much as fewer white ones.
         """
@@ -378,18 +381,14 @@ class TuningSearch:
         spread = np.full(SETTINGS, np.nan)
         of_free = np.linalg.inv(information[: free.size, : free.size])  # the lever arm is known
         spread[free] = np.where(TIMES[free], 0.1, 1.0) * np.sqrt(fewer * np.diag(of_free))
+        correlation, sigma = np.eye(SETTINGS), np.sqrt(np.diag(of_free))
+        correlation[np.ix_(free, free)] = of_free / np.outer(sigma, sigma)
         change, of_arm = step[-3:], np.sqrt(fewer) * np.sqrt(np.diag(covariance)[-3:])
         if np.linalg.norm(change) < SHORTEST_ARM or np.all(np.abs(change) < SURE_ARM * of_arm):
-            return [], spread
+            return [], spread, correlation
         if now.excess(self.evaluate(_settings(x + step, best, which), near=now)) > -LIKELIER * fewer:
-            return [], spread
-        arm, given = (", ".join(f"{value:.1f}" for value in arm) for arm in (best[LEVER_ARM] + change, best[LEVER_ARM]))
-        sigma = ", ".join(f"{value:.1f}" for value in of_arm)
-        remark = (
-            f"the lever arm [{arm}] m (1 sigma {sigma}) explains the fixes clearly better than [{given}] m: forward, "
-            "right, down from the IMU to the antenna. Measure it, and write gnss.lever_arm_m"
-        )
-        return [remark], spread
+            return [], spread, correlation
+        return [_of_lever_arm(best[LEVER_ARM], change, of_arm)], spread, correlation
 
     def lags(self, values: np.ndarray) -> list[np.ndarray]:
         """Settings with velocities that are older or newer than the positions, either of which keeps its latency."""
@@ -433,14 +432,28 @@ def _first_latency(cost: Callable[[float], float]) -> float:
     return float(min(fine[(fine >= lowest) & (fine <= highest)], key=cost))
 
 
+def _of_lever_arm(given: np.ndarray, change: np.ndarray, sigma: np.ndarray) -> str:
+    """Remark on another lever arm (3,), m, by the axes that the motion shows: those where it would tell
+    `SHORTEST_ARM`, or tells a change."""
+    is_shown = (SURE_ARM * sigma <= SHORTEST_ARM) | (np.abs(change) >= SURE_ARM * sigma)
+    axes = list(zip(("forward", "right", "down"), given + change, sigma, is_shown, strict=True))
+    arm = ", ".join(f"{name} {value_text(x, s)} ± {digits(s, 1)}" for name, x, s, known in axes if known)
+    hidden = " and ".join(name for name, *_, known in axes if not known)
+    return (
+        f"a lever arm of {arm} m (1 sigma) from the IMU to the antenna explains the fixes clearly better than "
+        f"[{', '.join(map(digits, given))}] m{f'; the motion does not show {hidden}' if hidden else ''}. Measure it, "
+        "and write gnss.lever_arm_m: [forward, right, down]"
+    )
+
+
 def _remarks(recording: Recording, best: np.ndarray, free: np.ndarray, converged: bool, flown: int) -> list[str]:
     """Warnings about a tuning."""
     out = []
     if not converged:
         names = ", ".join(recording.tuned[i].replace("_", " ") for i in free)
         out.append(
-            f"the tuning had not converged after {flown} flights: its numbers ({names}) may be far from the most "
-            "likely ones; give some of them in the log, or fly a longer part"
+            f"the tuning had not converged after {flown} passes of the filter: its numbers ({names}) may be far from "
+            "the most likely ones; give some of them in the log, or replay a longer part"
         )
     if LATENCY in recording.free and min(abs(best[LATENCY] - bound) for bound in SEARCHED) <= AT_BOUND:
         side = "earlie" if best[LATENCY] < 0.0 else "late"

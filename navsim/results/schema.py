@@ -1015,12 +1015,12 @@ _REPLAY = Chapter(
             for name in ("position_sigma_horizontal", "position_sigma_vertical")
         ),
         *(
-            _a(f"/tuning/{name}", "", units, f"{meaning} of the positions that the filter follows", REPLAY,
+            _a(f"/tuning/{name}", "", units, f"time-correlated position error, {meaning}", REPLAY,
                attributes=("origin",), when=_LOOSE_REPLAY + ", where the fixes show or claim such an error")
             for name, units, meaning in (
-                ("position_error_horizontal", "m", "1 sigma, horizontal per axis, of the time-correlated error"),
-                ("position_error_vertical", "m", "1 sigma, vertical, of the time-correlated error"),
-                ("position_error_time", "s", "correlation time of the error"),
+                ("position_error_horizontal", "m", "horizontal, 1 sigma per axis"),
+                ("position_error_vertical", "m", "vertical, 1 sigma"),
+                ("position_error_time", "s", "correlation time"),
             )
         ),
         *(

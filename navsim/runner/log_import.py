@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from navsim.formats.text import FileError
-from navsim.logs.reading import FORMATS, read_logs
+from navsim.logs.reading import FORMATS, RECEIVERS, read_logs
 from navsim.logs.tables import LOG, RANGES, Account, log_files
 from navsim.runner.errors import BadInput, as_problems
 from navsim.runner.target import make_folder
@@ -24,6 +24,12 @@ class ImportedLog:
     """Tables and texts."""
     account: Account
     """Lists of texts: data `taken` and `left_out`, assumptions (`decided`), and what is `missing` for a replay."""
+
+    @property
+    def of_receiver(self) -> bool:
+        """Whether the log has fixes, and is of a receiver alone, which has no inertial samples."""
+        has_fixes = any(file.name.startswith("gnss") for file in self.files)
+        return has_fixes and all(part in RECEIVERS for part in self.format.split("; "))
 
     @property
     def replayable(self) -> list[Path]:

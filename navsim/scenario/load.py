@@ -80,7 +80,7 @@ def _read(path: Source, assignments: Sequence[Assignment], wanted: Sequence[str]
     kind = str(document.data["kind"])
     if kind not in wanted:
         allowed = " or ".join(f"`kind: {name}`" for name in wanted)
-        message = f"{allowed} is needed here; this is {advice(kind, path)}"
+        message = f"this is {advice(kind, path)}; {allowed} is needed here"
         raise InputError([Problem(document.place(("kind",)), "kind", message)])
     return scenario, document
 

@@ -373,10 +373,23 @@ def _list_needed(model: type[Section], location: tuple[str | int, ...], given: A
     message = f"expected a list, not {_shown(given)}"
     parents = _sections_at(model, location[:-1])
     fields = [one.model_fields[str(location[-1])] for one in parents if str(location[-1]) in one.model_fields]
+    if given is None:
+        return f"{message}; [] is an empty one"
     if isinstance(given, dict) or any(_models_in(field.annotation) for field in fields):
         return f"{message}; begin each entry with a dash"
+    length = max((_length(field.annotation) for field in fields), default=0)
+    if length and isinstance(given, int | float):
+        return f"expected {length} numbers in brackets, [{', '.join('abc'[:length])}], not {_shown(given)}"
     alone = any(_fits(one, str(location[-1]), (given,)) for one in parents)
     return f"{message}; one value in brackets is one: [{given}]" if alone else message
+
+
+def _length(annotation: Any) -> int:
+    """Length of the lists of a type, 0 for any length or none."""
+    args = typing.get_args(annotation)
+    if typing.get_origin(annotation) is tuple:
+        return 0 if ... in args else len(args)
+    return max(map(_length, args), default=0)
 
 
 def _fits(section: type[Section], name: str, value: Any) -> bool:

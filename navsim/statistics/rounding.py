@@ -13,6 +13,12 @@ def digits(value: float, count: int = 3) -> str:
     return write_out(f"{value:.{count}g}")
 
 
+def value_text(value: float, sigma: float) -> str:
+    """A number to the first digit of its 1 sigma, > 0: -0.40 for -0.402 with 0.04, 300 for 271 with 90."""
+    last = math.floor(math.log10(float(f"{sigma:.1g}")))
+    return f"{round(value, -last):.{max(-last, 0)}f}"
+
+
 def share_text(percent: float, required: float) -> str:
     """A share, %, as text: three significant digits, or two of its complement: 30.6, 99.83.
 

@@ -192,7 +192,7 @@ def test_what_is_not_flown_is_told(tmp_path: Path) -> None:
     (tmp_path / "imu.csv").write_text("\n".join([head, *(r for r in rows if float(r.split(",")[0]) < 80.0)]) + "\n")
     told = replay.prepare(*read_replay(tmp_path / "log.yaml", ("tuning=none",))).warnings
     assert [text.partition(" s of the recording")[0] for text in told] == ["0.0 to 20.6", "80.0 to 99.1"]
-    assert all("are not flown: there are" in text for text in told)
+    assert all("are not replayed: there are" in text for text in told)
     cut = ("tuning=none", "start_s=30", "end_s=70")
     assert replay.prepare(*read_replay(tmp_path / "log.yaml", cut)).warnings == []
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import navsim
+from navsim.replays.job import prediction_of
 from navsim.replays.prediction import Prediction, _quantile, verdict_of
 from navsim.replays.reading import ReplayError
 from navsim.replays.study import Recording
@@ -88,6 +89,9 @@ def test_an_earlier_prediction_is_tested_as_it_was_written(log: Path, scored: na
     path.with_name("changed.json").write_text(text.replace('"until_s": 45.0', '"until_s": 44.0'))
     with pytest.raises(OptionError, match="it was changed"):
         Prediction.read(path.with_name("changed.json"))
+    assert {prediction_of(Path(name)).name for name in ("log_bet.h5", "log.h5")} == {"log_bet.json"}
+    with pytest.raises(navsim.BadInput, match="--bet 500: the recording ends at 75"):
+        bet(log, 500.0, "late")
     with pytest.raises(OptionError, match="expected a time"):
         Prediction.read(log)
     tight = cast(Recording, SimpleNamespace(tuned=("range_rate_sigma", "latency")))

@@ -152,7 +152,7 @@ def test_positions_that_wander_are_followed(noise: float, followed: bool, tmp_pa
     if followed:
         assert 5.0 < float(result["/tuning/position_error_time"]) < 100.0
         assert 0.4 < float(result["/tuning/position_error_horizontal"]) < 2.5
-        assert result.variables["/tuning/position_error_time"].attributes["origin"] == "tuned to the innovations"
+        assert result.variables["/tuning/position_error_time"].attributes["origin"].startswith("tuned")
         assert nees[0] > 9.0
         assert 0.15 < nees[1] < 2.0
 
@@ -471,9 +471,9 @@ def test_outages_that_are_not_flown_are_said(tmp_path: Path) -> None:
     recording = replay.prepare(
         *read_replay(tmp_path / "log.yaml", ("tuning=none", "outages=[{start_s: [50, 6000], duration_s: [5, 1000]}]"))
     )
-    (told,) = [text for text in recording.warnings if text.startswith("outages.0: ")]
-    assert told.startswith("outages.0: 3 of 4 are not within the replayed part, ")
-    assert told.endswith(", and not judged: 6000 to 6005 s")
+    (told,) = [text for text in recording.warnings if text.startswith("outages: ")]
+    assert told.startswith("outages: 3 of 4 reach beyond the replayed part, ")
+    assert told.endswith(", and have no drift: 6000 to 6005 s, 50 to 1050 s, 6000 to 7000 s")
 
 
 def test_nmea_is_as_good_as_a_table(tmp_path: Path) -> None:

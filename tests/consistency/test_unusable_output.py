@@ -179,7 +179,7 @@ def test_a_hole_over_the_alignment_is_not_aligned_across(tmp_path: Path) -> None
     without(tmp_path / "imu.csv", 2.0, 13.7)
     result = flown(tmp_path / "log.yaml", *GIVEN)
     assert result.attributes["alignment_time"] >= 13.7 - 1e-6
-    (unflown,) = (found.text for found in findings.of(result) if "are not flown" in found.text)
+    (unflown,) = (found.text for found in findings.of(result) if "are not replayed" in found.text)
     assert "there are no samples from 2.0 to 13.7 s, and the motion beside does not give the heading to" in unflown
     assert np.abs(scaled(result, truth)[0]).max() < 4.5
 

@@ -179,6 +179,19 @@ def test_a_result_that_lacks_something_is_refused(
     assert said in problem.message
 
 
+def test_the_result_of_a_bet_has_no_measured_noise(place: Path, tmp_path: Path) -> None:
+    predicted = (0.1, "as predicted")
+    flown = changed(place, tmp_path / "r.h5", velocity_sigma_horizontal=predicted, position_sigma_horizontal=predicted)
+    flown.variables["/summary/bet_until"] = Variable((), np.float64(70.0), "s", "", {"sha256": ""})
+    write(tmp_path / "r.h5", flown)
+    (tmp_path / "mine.yaml").write_text(SMOOTH + "signals: {from: r.h5, hdop: 1, preset: open-sky}\n")
+    with pytest.raises(InputError) as caught:
+        read_any(tmp_path / "mine.yaml")
+    said = [problem.message for problem in caught.value.problems]
+    assert all("name a result of `navsim replay` without --bet" in text for text in said)
+    assert [text.rpartition("1 sigma of ")[2] for text in said] == ["a range", "a range rate"]
+
+
 def test_all_that_a_recording_without_accuracies_lacks_is_said_at_once(place: Path, tmp_path: Path) -> None:
     """The shipped one, tuned; with the two keys of the messages the landing is valid."""
     changed(place, tmp_path / "r.h5", velocity_sigma_horizontal=(0.1, TUNED))

@@ -33,6 +33,7 @@ from navsim.logs.tables import log_files
 from navsim.replays import study as replay
 from navsim.runner.opening import stem_of_log
 from navsim.scenario.load import read_any, read_replay
+from navsim.scenario_files.source import InputError
 from tests import logs
 from tests.conftest import ROOT
 from tests.recordings import LATENCY, LEVER, sentences_of, write_flight
@@ -376,6 +377,24 @@ def test_refusals(flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert "--force" in imported(path, "-o", out, code=2).stderr
     monkeypatch.setitem(sys.modules, "pymavlink.DFReader", None)
     assert "pip install '.[logs]'" in imported(path, "-o", out, code=2).stderr
+
+
+@pytest.mark.parametrize("lacking", ["3D fixes", "samples"])
+def test_what_a_replay_lacks_is_said_with_its_cause(flight: Flight, tmp_path: Path, lacking: str) -> None:
+    """An autopilot's log without log.yaml fails, and a later replay says why there is none."""
+    messages = dataflash(flight)
+    if lacking == "3D fixes":
+        messages["GPS"] = [[*row[:2], 1, *row[3:]] for row in messages["GPS"]]
+    else:
+        del messages["IMU"]
+    logs.write_dataflash(tmp_path / "log.bin", messages)
+    done = imported(tmp_path / "log.bin", "-o", tmp_path / "out", code=3)
+    with pytest.raises(InputError, match="`navsim import` found no samples or no fixes"):
+        read_replay(tmp_path / "out/log.yaml")
+    if lacking == "3D fixes":
+        count = len(messages["GPS"])
+        assert f"no fixes ({count} messages of GPS 0 without a 3D fix; GPS 0: fewer than two fixes)" in done.stderr
+        assert "heights of" not in done.stdout
 
 
 def test_replays_of_two_imports_have_two_results() -> None:

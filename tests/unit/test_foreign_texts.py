@@ -365,7 +365,7 @@ def test_names_of_columns_that_are_not_ascii(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "line", "said"),
     [
-        (lambda text: text.replace("h_m", "h_m [ft]"), 1, "lacks h_m; navsim needs .*; the header has .*h_m .ft."),
+        (lambda text: text.replace("h_m", "h_m [ft]"), 1, "lacks h_m; the header has .*h_m .ft."),
         (lambda text: text.replace("h_m", "t_s"), 1, "several columns are called t_s"),
         (lambda text: text.split("\n", 1)[1], 1, "the table has no header"),
         (lambda text: text.replace("h_m", "alt"), 1, "the header lacks h_m"),

@@ -46,6 +46,7 @@ LANDING = SCENARIOS / "landing.yaml"
         ("approach=null",
          "approach: expected a section, a mapping of keys to values, not null; the key is required"),
         ("wind.gusts=4", "wind.gusts: expected a list, not 4; begin each entry with a dash"),
+        ("wind.gusts=null", "wind.gusts: expected a list, not null; [] is an empty one"),
         ("sky.systems=gps", "sky.systems: expected a list, not 'gps'; one value in brackets is one: [gps]"),
         ("title=null", "title: expected a text, not null"),
         ("title=3", 'title: expected a text, not 3; in quotation marks it is one: "3"'),

@@ -98,7 +98,7 @@ def test_a_column_of_zeros_has_no_range(tmp_path: Path) -> None:
         ([table()[0], *(f"{r.split(',')[2]},{r.split(',')[1]},{r.split(',')[0]}" for r in table()[1:])], "", SOURCES,
          r"run backwards: is another column the time"),
         (table(), "", SOURCES.replace("name: d", "name: e"), r"line 5: no position is known of d; `sources` has a, b"),
-        (table(head="t_s,source,r"), "", SOURCES, r"navsim needs t_s, range_m; the header has t_s, source, r"),
+        (table(head="t_s,source,r"), "", SOURCES, r"the header lacks range_m; the header has t_s, source, r"),
         (table(head="t_s,anchor,range_m"), "", SOURCES, r"lacks source; it has t_s, anchor, range_m"),
         ([r for r in table() if ",a," not in r and ",b," not in r], "", SOURCES, r"2 sources \(c, d\).*needs 3"),
         (table(), "", SOURCES.replace("[40, 30, 8]", "[40, 0, 3]"), r"b and c have the same position"),
