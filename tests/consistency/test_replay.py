@@ -20,7 +20,7 @@ from navsim.replays import flight as simulated
 from navsim.replays import study as replay
 from navsim.replays.findings import _inconsistent, _tied
 from navsim.replays.result_groups import write_filter
-from navsim.replays.tuning import ERROR_SIZE, ERROR_TIME, SETTINGS, TuningSearch
+from navsim.replays.tuning import ERROR_SIZE, ERROR_TIME, SETTINGS, TuningSearch, _of_lever_arm
 from navsim.results import findings
 from navsim.results.builder import ResultBuilder
 from navsim.results.result import Result, Variable
@@ -115,9 +115,16 @@ def test_a_wrong_lever_arm_is_told(tmp_path: Path) -> None:
     write_flight(tmp_path)
     result = flown(tmp_path / "log.yaml", "gnss.lever_arm_m=[0.4, 2.3, -0.3]")
     (text,) = [text for text in remarks(result) if "lever arm" in text]
-    arm = [float(x) for x in text.split("[")[1].split("]")[0].split(", ")]
-    assert arm[1] == pytest.approx(-0.2, abs=0.5)
+    told = re.search(r"right (-?[0-9.]+) ± ", text)
+    assert told is not None
+    assert float(told[1]) == pytest.approx(-0.2, abs=0.5)
     assert "clearly better than [0.4, 2.3, -0.3] m" in text
+
+
+def test_a_lever_arm_is_told_by_the_axes_that_the_motion_shows() -> None:
+    text = _of_lever_arm(np.zeros(3), np.array([-0.7, -0.01, -0.402]), np.array([0.6, 0.09, 0.038]))
+    assert text.startswith("a lever arm of right -0.01 ± 0.09, down -0.40 ± 0.04 m (1 sigma)")
+    assert "the motion does not show forward. Measure it" in text
 
 
 def test_a_latency_at_its_bound_is_told(tmp_path: Path) -> None:
@@ -174,6 +181,10 @@ def test_lasting_errors_are_as_large_as_the_receiver_claims(tmp_path: Path) -> N
     assert np.all(sigma[0] < 0.6)
     assert np.all((sigma[1] > 2.0) & (sigma[1] < [4.0, 4.0, 6.0]))
     assert float(result["/tuning/position_sigma_horizontal"]) < 0.4
+    assert 2.0 < float(result["/tuning/position_error_horizontal"]) < 4.0
+    origins = {path: str(variable.attributes.get("origin")) for path, variable in result.variables.items()}
+    assert "determined: 95 % within a factor of" in origins["/tuning/position_error_time"]  # of an error that stays
+    assert "1 sigma a factor of" in origins["/tuning/position_sigma_vertical"]
     latency = result.variables["/tuning/latency"].attributes["origin"]
     shown = re.fullmatch(r"tuned to the innovations, 1 sigma ([0-9.]+) s", str(latency))
     assert shown is not None
