@@ -360,7 +360,7 @@ def _missing(path: Path) -> str:
     if near := difflib.get_close_matches(path.stem, here, n=1, cutoff=0.7):
         return f"there is no such file; did you mean {path.with_name(here[near[0]])}?"
     if path.name == "log.yaml" and [*path.parent.glob("imu*.csv"), *path.parent.glob("gnss*.csv")]:
-        return "there is no such file: `navsim import` found no samples or no fixes for it, and says what is missing"
+        return "there is no such file: `navsim import` found no samples or no fixes for it, and names the missing part"
     template = f" {path.stem}" if known else ""
     return f"there is no such file; 'navsim init{template}' writes a scenario to start from"
 
