@@ -429,15 +429,13 @@ def _compute_result(command: str, scenario: Scenario, asked: dict[str, Any], hea
     import shutil
 
     from navsim.results.findings import of
-    from navsim.runner.job import Options
+    from navsim.runner.job import Options, prediction_of
 
     taken = {name: value for name, value in asked.items() if name in Options.__dataclass_fields__}
     source = _source(scenario, _NOUNS[command])
     stem = source.stem if isinstance(source, Path) else "result"
     temporary = Path(tempfile.mkdtemp(prefix="navsim-")) if asked["output"] is None else None
     if taken.get("bet") is not None:
-        from navsim.replays.job import prediction_of
-
         beside = asked["output"] if temporary is None else temporary / f"{stem}.h5"
         taken["bet_file"] = prediction_of(beside)
     options = Options(**taken)

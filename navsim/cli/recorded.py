@@ -72,8 +72,7 @@ def replay(
 
     navsim aligns the INS, tunes the noise, and reports innovations and the drift during simulated outages.
     """
-    from navsim.replays.job import BET_SUFFIX, prediction_of
-    from navsim.runner.job import Options
+    from navsim.runner.job import BET_SUFFIX, Options, prediction_of
 
     with leaving():
         target = target_of(given.output, stem_of_log(log) + ("" if given.bet is None else BET_SUFFIX))

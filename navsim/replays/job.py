@@ -16,7 +16,7 @@ from navsim.results.result import ResultKind
 from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import BASE_MEMORY, NUMBER, VARIABLE, WRITING, Budget
 from navsim.runner.executor import Executor
-from navsim.runner.job import OptionError, Options, Outcome, Progress, ResourceCheck
+from navsim.runner.job import BET_SUFFIX, OptionError, Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.filter import SMOOTHERS
 from navsim.scenario_files.source import Document
 
@@ -26,15 +26,6 @@ _SPAN_MEMORY = 400
 """An outage, bytes."""
 _REPLAYED_MEMORY = 3000
 """An output or fix of a replayed flight, bytes."""
-
-
-BET_SUFFIX = "_bet"
-"""End of the name of a result of `--bet`, which does not replace the plain one, and of its prediction."""
-
-
-def prediction_of(target: Path) -> Path:
-    """File of the prediction beside a result."""
-    return target.with_name(f"{target.stem.removesuffix(BET_SUFFIX)}{BET_SUFFIX}.json")
 
 
 class ReplayJob:

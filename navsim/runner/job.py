@@ -18,6 +18,14 @@ from navsim.runner.checkpoint import CheckpointStore
 from navsim.runner.estimate import Budget
 from navsim.runner.executor import Executor
 
+BET_SUFFIX = "_bet"
+"""End of the name of a result of `--bet`, which does not replace the plain one, and of its prediction."""
+
+
+def prediction_of(target: Path) -> Path:
+    """File of the prediction beside a result."""
+    return target.with_name(f"{target.stem.removesuffix(BET_SUFFIX)}{BET_SUFFIX}.json")
+
 
 class JobError(Exception):
     """Work that cannot be done although its input is right."""

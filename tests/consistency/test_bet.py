@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 
 import navsim
-from navsim.replays.job import prediction_of
 from navsim.replays.prediction import Prediction, _quantile, verdict_of
 from navsim.replays.reading import ReplayError
 from navsim.replays.study import Recording
 from navsim.results.result import read
-from navsim.runner.job import OptionError
+from navsim.runner.job import OptionError, prediction_of
 from navsim.runner.provenance import stored_options
 from navsim.statistics.consistency import effective_count
 from tests.recordings import write_flight
