@@ -17,9 +17,7 @@ UNGUARDED: set[str] = set()
 """Scripts whose pages were made before pages had probes. Each takes minutes of processor time:
 `make validate` makes the pages anew."""
 
-EARLIER: set[str] = {
-    "filter_consistency", "mixture_tails", "lasting_errors", "faults", "integrity", "interference",
-}  # fmt: skip
+EARLIER: set[str] = set()
 """Scripts whose pages say that they are of an earlier filter. Strike them out when they are made anew."""
 NOTE = "Computed with an earlier version of the default filter"
 
