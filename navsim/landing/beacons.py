@@ -258,7 +258,7 @@ def _no_position(geometry: BeaconGeometry, glide: np.ndarray) -> str:
     if most < needed:
         return f"at most {most} of them are received at a time on the glide, and a position needs {needed}"
     if one_way:
-        return "seen from the glide they lie on one cone or in one plane, as two pairs do on both sides of it; move one"
+        return "seen from the glide they lie on one cone or in one plane, as pairs symmetric to it do; move one"
     return "seen from the glide they lie in one plane, as all in one line do; move one of them out of it"
 
 

@@ -104,7 +104,7 @@ MOST_S = 600.0
 """What the tutorial promises: ten minutes; kernels that have to be compiled are in it."""
 
 
-DEAR = ("how-to/beacons.md", "how-to/figure.md", "how-to/ranges.md")
+DEAR = ("how-to/beacon-verdict.md", "how-to/beacons.md", "how-to/figure.md", "how-to/ranges.md")
 """Pages whose commands other pages and tests run, too, at length or in brief."""
 
 
@@ -152,6 +152,7 @@ def test_the_blocks_are_found() -> None:
 COUNT = {
     "README.md": 3,
     "commands.md": 13,
+    "how-to/beacon-verdict.md": 3,
     "how-to/beacons.md": 7,
     "how-to/compare.md": 4,
     "how-to/figure.md": 4,
