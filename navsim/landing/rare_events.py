@@ -120,10 +120,10 @@ def _by_history(shifts: ShiftsByHistory, box: ErrorBox) -> LimitState:
 
 
 def _touchdown_at_rest(case: Case) -> np.ndarray:
-    """Touchdown (4,) of a run that only the discrete gusts take off the route, see `Endings`."""
+    """Touchdown (4,) of a run with exact estimates that only the discrete gusts take off the route, see `Endings`."""
     ways = case.shared.dispersion
     assert ways is not None
-    out = ways.end.endings(ways.disturbance.at_rest).touchdown[:, 0]
+    out = ways.end.endings(ways.disturbance.guided(ways.disturbance.at_rest, None)).touchdown[:, 0]
     if not np.isfinite(out).all():
         raise ValueError("a run that is led by the discrete gusts alone never touches down")
     return np.asarray(out)

@@ -117,7 +117,8 @@ class ResponseSection(Section):
     nose_lag_s: Annotated[float, Field(ge=0.1, le=5.0)] = 0.5
     """time constant of each of the two lags by which the nose turns into the wind behind a gust"""
     guidance_s: Annotated[float, Field(ge=0.5, le=60.0)] = 5.0
-    """time constant of the critically damped loop that brings the aircraft back to its route"""
+    """time constant of the critically damped loop that brings the aircraft back to its route; with `approach.guidance:
+    estimate` until the flight begins"""
 
     def model(self) -> Response:
         """The response."""

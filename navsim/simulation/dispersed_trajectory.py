@@ -210,7 +210,9 @@ class Dispersion:
         assert autopilot is not None
         unit = self.known(np.broadcast_to(np.eye(6), (self.at_filter.time.size, 6, 6)))
         last = np.append(np.diff(self._since) > 0, True)  # of several outputs at a sample the last one counts
-        out[:, last] = slopes_by_errors(autopilot, unit, disturbance.course, disturbance.slope, step, weights)
+        course = disturbance.course
+        by_error = slopes_by_errors(autopilot, unit.first, course, disturbance.slope, step, weights)
+        out[:, last] = np.einsum("Kmai,maiw->Kmw", by_error, unit.along_course(course))
         return out
 
     def departure(
@@ -289,7 +291,7 @@ class Dispersion:
 
 def _repeated(departure: PathDeviation, count: int) -> PathDeviation:
     """Deviations of so many runs; further lanes repeat the last."""
-    for each in (departure.way, departure.turn, departure.gust):
+    for each in (departure.way, departure.turn, departure.gust, departure.displaced):
         each[..., count:] = each[..., count - 1 : count]
     return departure
 

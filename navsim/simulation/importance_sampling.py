@@ -39,6 +39,7 @@ from navsim.statistics import normal
 from navsim.statistics.importance_sampling import LEAST
 from navsim.statistics.random_streams import generator
 from navsim.trajectory.dispersion import PathDeviation
+from navsim.trajectory.guidance import slopes_by_errors
 
 _FULL, _HALF = 0.8, 0.1
 """Shares of the runs that are shifted to a face, and halfway; the rest is not shifted."""
@@ -154,25 +155,38 @@ class AirShifts:
     """(K, K) of the errors by these walks."""
     mean: np.ndarray
     """(K,) errors where the walks are zero."""
+    answered: np.ndarray
+    """(K, k, 3, 2) slopes of the errors by what guidance knows of `PathDeviation.displaced`."""
 
     @classmethod
     def of(cls, ways: Dispersion, weights: np.ndarray) -> AirShifts:
         """Those of errors that are sums of positions with weights (K, k, 3)."""
         air, (count, samples) = ways.disturbance, weights.shape[:2]
         sizes = {number: walk.start.shape[0] for number, walk in air.walks.items()}
-        at_rest = air.at_rest.way[:, :3]
+        at_rest = air.at_rest
+        answered = np.zeros((count, 0, 3, 2))
+        if len(at_rest.displaced):
+            assert air.air.autopilot is not None
+            step = float(air.time[1] - air.time[0])
+            answered = -slopes_by_errors(air.air.autopilot, np.arange(samples), air.course, air.slope, step, weights)
         walks, covariance = {}, np.zeros((count, count))
         for number, n in sizes.items():
             unit = {other: np.zeros((samples, m, n)) for other, m in sizes.items()}
             unit[number] += np.eye(n)
-            rows = np.einsum("Kta,tan->Ktn", weights, air.of_states(unit, n).way[:, :3] - at_rest)
+            moved = air.of_states(unit, n)
+            rows = np.einsum("Kta,tan->Ktn", weights, moved.way[:, :3] - at_rest.way[:, :3])
+            if answered.size:
+                rows += np.einsum("Ktai,tain->Ktn", answered, moved.displaced - at_rest.displaced)
             walks[number] = air.walks[number].carried(rows)
             covariance += np.einsum("itn,jtn->ij", rows, walks[number])
-        return cls(weights, walks, covariance, np.einsum("Kta,taw->K", weights, at_rest))
+        mean = np.einsum("Kta,taw->K", weights, at_rest.way[:, :3])
+        mean += np.einsum("Ktai,taiw->K", answered, at_rest.displaced)
+        return cls(weights, walks, covariance, mean, answered)
 
     def off(self, departure: PathDeviation) -> np.ndarray:
         """Errors (K, W) off their mean of runs that nothing else takes off the route."""
-        return np.einsum("Kta,taw->Kw", self.weights, departure.way[:, :3]) - self.mean[:, None]
+        out = np.einsum("Kta,taw->Kw", self.weights, departure.way[:, :3]) - self.mean[:, None]
+        return out + np.einsum("Ktai,taiw->Kw", self.answered, departure.displaced)
 
 
 def proposal_shifts(

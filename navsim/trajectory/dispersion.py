@@ -25,6 +25,10 @@ _TURBULENCE = 3
 """Offset from the number of an axis to the random stream of its turbulence."""
 
 
+_OF_RUNS = ("way", "turn", "gust", "begin", "displaced")
+"""Fields of `PathDeviation` that have lanes."""
+
+
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """A product with its first two derivatives (3, ...), of factors with theirs (3, ...)."""
     return np.stack([a[0] * b[0], a[1] * b[0] + a[0] * b[1], a[2] * b[0] + 2.0 * a[1] * b[1] + a[0] * b[2]])
@@ -44,24 +48,28 @@ class PathDeviation:
     """(k, 3, W) wind minus the mean wind, m/s, to the right of the course, along it, up."""
     begin: np.ndarray = field(default_factory=lambda: np.array(np.inf))
     """(W,) or () when runs begin a go-around after an alarm, s; inf for none."""
+    displaced: np.ndarray = field(default_factory=lambda: np.empty((0, 3, 2, 1)))
+    """(k, 3, 2, W) displacement by gusts that an autopilot corrects where it knows it: lateral, along, up, m, and its
+    rate, m/s, along axes of the course. (0, ...) without an autopilot or gusts."""
 
     def where(self, kept: np.ndarray, other: PathDeviation) -> PathDeviation:
         """These deviations in the lanes (W,) that are kept, and others elsewhere."""
         if not kept.any():
             return other
-        pairs = ((getattr(self, name), getattr(other, name)) for name in ("way", "turn", "gust", "begin"))
+        pairs = ((getattr(self, name), getattr(other, name)) for name in _OF_RUNS)
         return PathDeviation(self.time, *(np.where(kept, own, new) for own, new in pairs))
 
     def lane(self, i: int) -> PathDeviation:
         """Copy of one lane."""
         begin = np.broadcast_to(self.begin, self.way.shape[2:])
-        return PathDeviation(self.time, *(m[..., i : i + 1].copy() for m in (self.way, self.turn, self.gust, begin)))
+        parts = self.way, self.turn, self.gust, begin, self.displaced
+        return PathDeviation(self.time, *(m[..., i : i + 1].copy() for m in parts))
 
     @classmethod
     def of_lanes(cls, each: Sequence[PathDeviation], lanes: int) -> PathDeviation:
         """Deviations of one lane in the first of so many; further lanes repeat the last."""
         every = [*each, *[each[-1]] * (lanes - len(each))]
-        parts = ([getattr(one, name) for one in every] for name in ("way", "turn", "gust", "begin"))
+        parts = ([getattr(one, name) for one in every] for name in _OF_RUNS)
         return cls(each[0].time, *(np.concatenate(part, axis=-1) for part in parts))
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -150,12 +158,15 @@ class Disturbance:
 
     def guided(self, departure: PathDeviation, known: GuidanceErrors | None) -> PathDeviation:
         """Copy of departures with the effect of guidance; known: errors of the estimates of its autopilot, None: it has
-        none."""
+        exact ones, or there is none."""
         way, turn = departure.way.copy(), departure.turn.copy()
+        if known is None and len(departure.displaced):
+            known = GuidanceErrors(np.zeros(1, int), np.zeros((1, 6, way.shape[2])))
         if known is not None:
             assert self.air.autopilot is not None
             step = float(self.time[1] - self.time[0])
-            steered(self.air.autopilot, known, self.course, self.slope, step, self.pitches, way, turn)
+            steered(self.air.autopilot, known, self.course, self.slope, step, self.pitches, way, turn,
+                    departure.displaced)  # fmt: skip
         return replace(departure, way=way, turn=turn)
 
     def of_states(self, states: dict[int, np.ndarray], lanes: int) -> PathDeviation:
@@ -175,11 +186,13 @@ class Disturbance:
             if self.pitches:  # the nose follows the airspeed vector
                 self._turn(turn, 1, up[1], up[2])
         gust = np.zeros((self.time.size, 3, lanes))
+        corrected = self.buffeting and air.autopilot is not None
+        displaced = np.zeros((self.time.size if corrected else 0, 3, 2, lanes))
         for axis, met in self.buffeting.items():
             own = states.get(_TURBULENCE + axis)
             gust[:, axis] = met.blowing(own)
-            self._buffeted(axis, met, own, way, turn)
-        return PathDeviation(self.time, way, turn, gust)
+            self._buffeted(axis, met, own, way, turn, displaced)
+        return PathDeviation(self.time, way, turn, gust, displaced=displaced)
 
     def _across(self, deviation: Deviation, states: np.ndarray, way: np.ndarray, turn: np.ndarray) -> None:
         """Add a deviation across the course: the nose follows the trajectory, the bank its acceleration."""
@@ -191,17 +204,21 @@ class Disturbance:
         self._bank(turn, scale[0] * of_states[3], scale[1] * of_states[3] + scale[0] * of_states[4])
 
     def _buffeted(
-        self, axis: int, met: Buffeting, states: np.ndarray | None, way: np.ndarray, turn: np.ndarray
-    ) -> None:
+        self, axis: int, met: Buffeting, states: np.ndarray | None, way: np.ndarray, turn: np.ndarray,
+        displaced: np.ndarray,
+    ) -> None:  # fmt: skip
         """Add the effect of gusts along an axis of the course.
 
         The nose follows the airspeed vector with a lag; guidance determines the bank. Vertical motion fades to zero at
-        the height of the runway.
+        the height of the runway: with an autopilot its velocity, since the autopilot has answered what was before.
         """
         moved, nose = met.moved(states)
+        airborne, free = self.course.airborne[..., None], self.course.free()[..., None]
+        if len(displaced):
+            moved = _slowed(free, moved, float(self.time[1] - self.time[0])) if axis == VERTICAL else moved
+            displaced[:, axis] = moved[:2].transpose(1, 0, 2)
         if axis == VERTICAL:
-            airborne = self.course.airborne[..., None]
-            moved = _product(_product(airborne, self.course.free()[..., None]), moved)
+            moved = _product(airborne if len(displaced) else _product(airborne, free), moved)
             for order in range(3):
                 way[:, 3 * order + 2] -= moved[order]
             if self.pitches:
@@ -224,6 +241,16 @@ class Disturbance:
         slow, slower = self.course.slowness[..., None]
         turn[:, axis] += 0.5 * slow * speed
         turn[:, 3 + axis] += 0.5 * (slow * acceleration + slower * speed)
+
+
+def _slowed(factor: np.ndarray, moved: np.ndarray, step: float) -> np.ndarray:
+    """A motion with two derivatives (3, k, W), every `step` s, whose velocity is multiplied by a factor with its
+    derivatives (3, k, 1): the product, less the integral of factor' times the motion, by Hermite's cubic."""
+    out = _product(factor, moved)
+    lost, change = factor[1] * moved[0], factor[2] * moved[0] + factor[1] * moved[1]
+    out[0, 1:] -= np.cumsum(0.5 * step * (lost[:-1] + lost[1:]) + step**2 / 12.0 * (change[:-1] - change[1:]), axis=0)
+    out[1], out[2] = factor[0] * moved[1], factor[0] * moved[2] + factor[1] * moved[1]
+    return out
 
 
 def _add(way: np.ndarray, amount: np.ndarray, direction: np.ndarray) -> None:

@@ -1,7 +1,7 @@
 """Guidance by estimates: effect of navigation errors on the trajectory.
 
-Guidance corrects the estimated deviation from the route, not the true one. Navigation errors therefore take the
-aircraft off the route. Equations: `docs/theory/air.md`, section 6.
+Guidance corrects the estimated deviation from the route, also that by gusts, not the true one. Navigation errors
+therefore take the aircraft off the route. Equations: `docs/theory/air.md`, section 6.
 """
 
 from __future__ import annotations
@@ -58,9 +58,11 @@ def steered(
     pitches: bool,
     way: np.ndarray,
     turn: np.ndarray,
+    displaced: np.ndarray | None = None,
 ) -> None:
     """Add the effect of an autopilot that has estimates to deviations `way`, `turn` at the samples of a course.
 
+    - displaced: see `PathDeviation`; its estimate is corrected, too. None or (0, ...): nothing displaces.
     - slope: (2, k) climb of the route per metre ahead, and its rate, 1/s.
     - step: s between samples.
     - pitches: the nose follows the path.
@@ -71,8 +73,14 @@ def steered(
 
     transition, drive, gain = _discrete(autopilot, step)
     limits, rates = (np.array([getattr(c, name) for c in autopilot.channels]) for name in ("limit", "rate"))
+    first, error = known.first, known.along_course(course)
+    if displaced is not None and len(displaced):
+        # what the autopilot has flown and an error that is smaller by the displacement: the same estimate
+        row = np.searchsorted(first, np.arange(len(way)), side="right") - 1
+        error = np.where((row >= 0)[:, None, None, None], error[row], 0.0) - displaced
+        first = np.arange(len(way))
     steer(
-        step, known.first, in_lanes(known.along_course(course)), slope, gain, limits, rates, transition, drive,
+        step, first, in_lanes(error), slope, gain, limits, rates, transition, drive,
         course.right, course.ahead, course.airborne, course.slowness, pitches, in_lanes(way), in_lanes(turn),
     )  # fmt: skip
 
@@ -88,19 +96,18 @@ def _discrete(autopilot: Autopilot, step: float) -> tuple[np.ndarray, np.ndarray
 
 
 def slopes_by_errors(
-    autopilot: Autopilot, known: GuidanceErrors, course: Course, slope: np.ndarray, step: float, weights: np.ndarray
+    autopilot: Autopilot, first: np.ndarray, course: Course, slope: np.ndarray, step: float, weights: np.ndarray
 ) -> np.ndarray:
-    """Slopes (K, m, W) of K sums of the positions of a steered aircraft, by numbers on which its guidance's errors
-    depend: the adjoint of `steered` within its limits.
+    """Slopes (K, m, 3, 2) of K sums of the positions of a steered aircraft, by the errors that its guidance has from
+    samples `first` (m,) on, as of `GuidanceErrors.along_course`: the adjoint of `steered` within its limits.
 
-    - known: errors per unit of W numbers.
     - slope, step: see `steered`.
     - weights: (K, k, 3) of the sums, of positions along path axes at the first k samples.
     """
     transition, drive, gain = _discrete(autopilot, step)
-    by_error = np.zeros((len(weights), known.first.size, 3, 2))
+    by_error = np.zeros((len(weights), first.size, 3, 2))
     moved = np.zeros((len(weights), 3, 4))  # slopes by the motion
-    rows = np.searchsorted(known.first, np.arange(weights.shape[1]), side="right") - 1
+    rows = np.searchsorted(first, np.arange(weights.shape[1]), side="right") - 1
     for k in range(weights.shape[1] - 1, -1, -1):
         asked = np.einsum("Kai,ai->Ka", moved, drive)
         of_estimate = -asked[..., None] * gain
@@ -114,4 +121,4 @@ def slopes_by_errors(
         moved[:, LATERAL, 0] += weights[:, k] @ course.right[0, k]
         moved[:, ALONG, 0] += weights[:, k] @ course.ahead[0, k]
         moved[:, VERTICAL, 0] -= weights[:, k, 2] * course.airborne[0, k]
-    return np.asarray(np.einsum("Kmai,maiw->Kmw", by_error, known.along_course(course)))
+    return by_error

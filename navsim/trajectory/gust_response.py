@@ -34,7 +34,7 @@ class Buffeting:
     lag: np.ndarray
     """(m,) lag in each stretch, s."""
     loop: float
-    """s, see `Response`."""
+    """s, see `Response`; inf if an autopilot corrects what it knows of the deviation."""
     rows: np.ndarray
     """(m, n) output rows of the turbulence, m/s, from the first n states of its `walk`; n is 0 without turbulence."""
     walk: Walk | None
@@ -72,7 +72,8 @@ class Buffeting:
 
 
 def buffeting(air: Air, trajectory: Trajectory, time: np.ndarray, course: Course) -> dict[int, Buffeting]:
-    """Effect of gusts along each axis of the course that has any, at equally spaced times (k,), s."""
+    """Effect of gusts along each axis of the course that has any, at equally spaced times (k,), s; with an autopilot
+    without its answer, which `guidance.steered` adds."""
     if air.turbulence is None and not air.gusts:
         return {}
     which, middle = _stretches(course)
@@ -83,10 +84,10 @@ def buffeting(air: Air, trajectory: Trajectory, time: np.ndarray, course: Course
     within = time[:-1, None] + 0.5 * step * (1.0 + points)
     sampled = gust_components(air.gusts, trajectory, time, course, time)
     between = gust_components(air.gusts, trajectory, within.ravel(), course, time).reshape(*within.shape, 3)
-    out = {}
+    out, loop = {}, air.response.loop if air.autopilot is None else np.inf
     for axis, lag in enumerate(lags):
         nose = air.response.nose_lag if axis in (LATERAL, VERTICAL) else None
-        systems = [carried(float(one), air.response.loop, nose) for one in lag]
+        systems = [carried(float(one), loop, nose) for one in lag]
         rows, walk = np.empty((lag.size, 0)), None
         if air.turbulence is not None:
             k = _ALONG_FLIGHT[axis]
@@ -94,11 +95,13 @@ def buffeting(air: Air, trajectory: Trajectory, time: np.ndarray, course: Course
             gusts = [dryden(float(t), k > 0) for t in air.turbulence.time_scales(height, airspeed)[:, k]]
             rows = np.stack([s * row for s, (_, row) in zip(sigma, gusts, strict=True)])
             met_with = zip(gusts, rows, systems, strict=True)
-            walk = Walk.of([through(gust, row, system) for (gust, _), row, system in met_with], which[:-1], step)
+            # at the beginning guidance has held the route for a long time
+            start = through(gusts[0][0], rows[0], carried(float(lag[0]), air.response.loop, nose))
+            walk = Walk.of([through(gust, row, system) for (gust, _), row, system in met_with], which[:-1], step, start)
         elif not between[..., axis].any():
             continue
         met = _met(systems, which[:-1], step, points, shares, between[..., axis])
-        out[axis] = Buffeting(which, lag, air.response.loop, rows, walk, sampled[:, axis], met)
+        out[axis] = Buffeting(which, lag, loop, rows, walk, sampled[:, axis], met)
     return out
 
 

@@ -100,11 +100,12 @@ class Walk:
     start: np.ndarray
 
     @classmethod
-    def of(cls, processes: list[Process], which: np.ndarray, step: float) -> Walk:
-        """Random walk from processes with the same states, one for each step of so many s."""
+    def of(cls, processes: list[Process], which: np.ndarray, step: float, start: Process | None = None) -> Walk:
+        """Random walk from processes with the same states, one for each step of so many s; start: stationary process
+        from which it begins, None for that of the first step."""
         parts = [discretised(p.a, p.b, step) for p in processes]
         transition, root = (np.ascontiguousarray(np.stack(m)) for m in zip(*parts, strict=True))
-        return cls(transition, root, which, np.linalg.cholesky(processes[which[0]].covariance))
+        return cls(transition, root, which, np.linalg.cholesky((start or processes[which[0]]).covariance))
 
     def drawn(self, rngs: tuple[np.random.Generator, ...], count: int) -> np.ndarray:
         """States (k, n, W) of the first `count` of W runs."""

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from navsim.compiler.lanes import WIDTH
 from navsim.scenario_files.source import InputError
 from navsim.trajectory import air
-from navsim.trajectory.dispersion import Disturbance, PathDeviation
+from navsim.trajectory.dispersion import Disturbance, PathDeviation, _slowed
 from tests.conftest import Within
 from tests.consistency.test_flown_ways import FTE, WIND, mechanised, most_off, ways_of
 from tests.helpers import case, scenario
@@ -121,10 +121,13 @@ def test_sigmas_in_turbulence(within: Within) -> None:
             np.testing.assert_allclose(found, nose, rtol=within["sigma"])
 
 
+@pytest.mark.parametrize("guidance", ["reference", "estimate"])
 @pytest.mark.parametrize(("towards", "place", "sign"), [("right", 1, 1.0), ("along", 0, 1.0), ("up", 2, -1.0)])
-def test_a_gust_is_answered(towards: str, place: int, sign: float) -> None:
-    """As its equations are solved by another program; at last it has turned nothing but the nose, into the wind."""
-    way = departed(*LEVEL, STEADY.format(towards), "wind.response={guidance_s: 3}", seconds=30.0)
+def test_a_gust_is_answered(towards: str, place: int, sign: float, guidance: str) -> None:
+    """As its equations are solved by another program; at last it has turned nothing but the nose, into the wind. With
+    guidance by the estimate nothing answers the true displacement: it is left to the autopilot."""
+    settings = STEADY.format(towards), "wind.response={guidance_s: 3}", f"approach.guidance={guidance}"
+    way, answer = departed(*LEVEL, *settings, seconds=30.0), float(guidance == "reference")
     assert not np.ptp(way.way, axis=2).any()
     flown = scenario(*LEVEL, "wind.gusts=[]", name="landing_smooth")
     speed = flown.approach.speed_start_kmh / 3.6
@@ -135,7 +138,7 @@ def test_a_gust_is_answered(towards: str, place: int, sign: float) -> None:
         gust = 2.5 * (1.0 - math.cos(math.pi * min(max((t - 1.0) / 2.0, 0.0), 1.0)))
         lift = (gust - x[0]) / lag
         nose = ((x[2] - gust) - x[3] - 2.0 * 0.5 * x[4]) / 0.5**2
-        return [lift, x[2], lift - x[1] / 9.0 - 2.0 * x[2] / 3.0, x[4], nose]
+        return [lift, x[2], lift - answer * (x[1] / 9.0 + 2.0 * x[2] / 3.0), x[4], nose]
 
     solved = solve_ivp(rates, (0.0, 30.0), np.zeros(5), t_eval=way.time, rtol=1e-10, atol=1e-10, max_step=0.05)
     np.testing.assert_allclose(sign * way.way[:, place, 0], solved.y[1], atol=1e-6)
@@ -145,10 +148,21 @@ def test_a_gust_is_answered(towards: str, place: int, sign: float) -> None:
     if body is None:
         assert not way.turn.any()
         return
-    assert abs(way.way[-1, place, 0]) < 0.02
+    if answer:
+        assert abs(way.way[-1, place, 0]) < 0.02
+        assert way.turn[-1, body, 0] == pytest.approx(-2.5 / speed, rel=0.02)
     np.testing.assert_allclose(way.turn[:, body, 0], 0.5 * solved.y[3] / speed, atol=1e-8)
     np.testing.assert_allclose(way.turn[:, 3 + body, 0], 0.5 * solved.y[4] / speed, atol=1e-8)
-    assert way.turn[-1, body, 0] == pytest.approx(-2.5 / speed, rel=0.02)
+
+
+def test_what_fades_near_the_ground_loses_its_velocity() -> None:
+    """The motion sin t, whose velocity is multiplied by cos t: the integral of cos^2."""
+    t = np.linspace(0.0, 3.0, 301)
+    cos, sin = np.cos(t)[:, None], np.sin(t)[:, None]
+    place, speed, acceleration = _slowed(np.stack([cos, -sin, -cos]), np.stack([sin, cos, -sin]), 0.01)
+    np.testing.assert_allclose(place[:, 0], 0.5 * t + 0.25 * np.sin(2.0 * t), atol=1e-10)
+    np.testing.assert_allclose(speed, cos**2, atol=1e-15)
+    np.testing.assert_allclose(acceleration, -2.0 * sin * cos, atol=1e-15)
 
 
 def test_where_gusts_go() -> None:

@@ -41,15 +41,22 @@ def level_course(samples: int) -> Course:
 
 
 def motion(
-    known: GuidanceErrors, samples: int, climb: float = 0.0, autopilot: Autopilot = AUTOPILOT, step: float = STEP
+    known: GuidanceErrors,
+    samples: int,
+    climb: float = 0.0,
+    autopilot: Autopilot = AUTOPILOT,
+    step: float = STEP,
+    displaced: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Deviation lateral, along, up, their rates and accelerations (3, 3, samples, W)."""
+    """What the autopilot flies lateral, along, up, with rates and accelerations (3, 3, samples, W); displaced: by gusts
+    (samples, 3, 2, W)."""
     lanes = known.values.shape[2]
     way, turn, slope = np.zeros((samples, 9, lanes)), np.zeros((samples, 6, lanes)), np.zeros((2, samples))
     slope[0], course = climb, level_course(samples)
     for own in (slice(first, first + WIDTH) for first in range(0, lanes, WIDTH)):
         parts = [np.ascontiguousarray(m[..., own]) for m in (known.values, way, turn)]
-        steered(autopilot, GuidanceErrors(known.first, parts[0]), course, slope, step, True, *parts[1:])
+        of_gusts = None if displaced is None else displaced[..., own]
+        steered(autopilot, GuidanceErrors(known.first, parts[0]), course, slope, step, True, *parts[1:], of_gusts)
         way[..., own], turn[..., own] = parts[1:]
     np.testing.assert_allclose(turn[:, 0], 0.5 / 9.80665 * way[:, 7], atol=1e-15)  # bank
     np.testing.assert_allclose(turn[:, 2], 0.5 * 0.04 * way[:, 4], atol=1e-15)  # nose
@@ -72,7 +79,9 @@ def responses() -> list[tuple[np.ndarray, np.ndarray]]:
     return out
 
 
-def flown_by_numpy(known: GuidanceErrors, samples: int, climb: float) -> tuple[np.ndarray, np.ndarray]:
+def flown_by_numpy(
+    known: GuidanceErrors, samples: int, climb: float, displaced: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """The same motion, and commands, of an autopilot that is given nothing but estimates (3, 2, W)."""
     lanes, signs = known.values.shape[2], np.array([1.0, 1.0, -1.0])
     out, commands = np.zeros((samples, 3, 4, lanes)), np.zeros((samples, 3, lanes))
@@ -88,7 +97,7 @@ def flown_by_numpy(known: GuidanceErrors, samples: int, climb: float) -> tuple[n
     for k in range(samples - 1):
         row = np.searchsorted(known.first, k, side="right") - 1
         wrong = known.values[row].reshape(2, 3, lanes)[:, [1, 0, 2]] * signs[:, None]
-        now = asked(out[k, :, :2] - wrong.transpose(1, 0, 2))
+        now = asked(out[k, :, :2] + displaced[k] - wrong.transpose(1, 0, 2))
         now[0] = np.clip(now[0], held[0] - 3.0 * STEP, held[0] + 3.0 * STEP)
         held = np.clip(now, [[-4.0], [-1.5], [-2.0]], [[4.0], [1.5], [2.0]])
         commands[k] = held
@@ -101,22 +110,28 @@ def flown_by_numpy(known: GuidanceErrors, samples: int, climb: float) -> tuple[n
 @pytest.mark.parametrize("sigma", [0.5, 60.0])
 def test_autopilot(sigma: float, within: Within) -> None:
     """Commands from estimates alone, with and without limits, on a slope."""
-    known = drawn(900, WIDTH, sigma)
-    expected, commands = flown_by_numpy(known, 900, -0.09)
-    np.testing.assert_allclose(motion(known, 900, -0.09), expected, atol=within["value"])
+    known, gusts = drawn(900, WIDTH, sigma), np.random.default_rng(5).normal(0.0, 0.1 * sigma, (900, 3, 2, WIDTH))
+    for displaced in (0.0 * gusts, gusts):
+        expected, commands = flown_by_numpy(known, 900, -0.09, displaced)
+        found = motion(known, 900, -0.09, displaced=displaced)
+        np.testing.assert_allclose(found, expected, atol=within["value"])
+    np.testing.assert_array_equal(motion(known, 900, -0.09, displaced=0.0 * gusts), motion(known, 900, -0.09))
     assert (np.abs(commands[:, 1]).max() == 1.5) == (sigma == 60.0)  # whether limits are reached
 
 
 def test_guidance_never_reads_the_truth() -> None:
-    """Estimates that stand still, half a metre off, ask for the same as long as they do: the truth runs away."""
+    """Estimates that stand still, half a metre off, ask for the same as long as they do: the truth runs away, and gusts
+    take it further."""
     due, commands = np.zeros((3000, 3, 4)), (-0.5 / 25.0, -0.5 / 4.0, -0.5 / 36.0)
     for axis, (transition, drive) in enumerate(responses()):
         for k in range(2999):
             due[k + 1, axis] = transition @ due[k, axis] + drive[:, 0] * commands[axis]
-    wrong = due[:, :, :2] - [[0.5, 0.0], [0.5, 0.5], [0.5, 0.0]]  # truth - estimate: m, and m/s along the course
+    gusts = 30.0 * np.sin(STEP * np.arange(3000))[:, None, None] * np.ones((3, 2))
+    # truth - estimate: m, and m/s along the course
+    wrong = due[:, :, :2] + gusts - [[0.5, 0.0], [0.5, 0.5], [0.5, 0.0]]
     up = [[[1.0], [1.0], [-1.0]]]
     values = (wrong[:, [1, 0, 2]] * up).transpose(0, 2, 1).reshape(3000, 6, 1) + np.zeros(WIDTH)
-    way = motion(GuidanceErrors(np.arange(3000), values), 3000)
+    way = motion(GuidanceErrors(np.arange(3000), values), 3000, displaced=gusts[..., None] + np.zeros(WIDTH))
     np.testing.assert_allclose(way, due[:, :, :3].transpose(1, 2, 0)[..., None] + np.zeros(WIDTH), atol=1e-9)
     assert way[0, 0, -1].max() < -8.0
 
