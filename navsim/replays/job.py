@@ -18,7 +18,7 @@ from navsim.runner.estimate import BASE_MEMORY, NUMBER, VARIABLE, WRITING, Budge
 from navsim.runner.executor import Executor
 from navsim.runner.job import BET_SUFFIX, OptionError, Options, Outcome, Progress, ResourceCheck
 from navsim.scenario.filter import SMOOTHERS
-from navsim.scenario_files.source import Document
+from navsim.scenario_files.source import Document, InputError
 
 _READ_MEMORY = 600
 """Memory for a sample or fix of a recording while it is read and checked, bytes."""
@@ -65,7 +65,12 @@ class ReplayJob:
                     raise OptionError(f"--bet {self.until}: expected a time in s of the recording")
                 last = self.until if section.end_s is None else min(self.until, section.end_s)
                 section = section.model_copy(update={"end_s": last, "outages": ()})
-        self.recording = replay.prepare(section, self.document)
+        try:
+            self.recording = replay.prepare(section, self.document)
+        except InputError as error:
+            if section is not self.section and (cut := [one for one in error.problems if one.key == "end_s"]):
+                raise OptionError(f"--bet {cut[0].message}") from None
+            raise
         ends = self.recording.recorded[1] if self.section.end_s is None else self.section.end_s
         if self.until < np.inf and self.until >= ends:
             raise OptionError(f"--bet {self.until:g}: the recording ends at {ends:.1f} s; give an earlier time")

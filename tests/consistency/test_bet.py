@@ -91,6 +91,8 @@ def test_an_earlier_prediction_is_tested_as_it_was_written(log: Path, scored: na
     assert {prediction_of(Path(name)).name for name in ("log_bet.h5", "log.h5")} == {"log_bet.json"}
     with pytest.raises(navsim.BadInput, match="--bet 500: the recording ends at 75"):
         bet(log, 500.0, "late")
+    with pytest.raises(navsim.BadInput, match=r"--bet 0\.5 leaves .* needed are"):
+        bet(log, 0.5, "early")
     with pytest.raises(OptionError, match="expected a time"):
         Prediction.read(log)
     tight = cast(Recording, SimpleNamespace(tuned=("range_rate_sigma", "latency")))
