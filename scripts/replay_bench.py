@@ -139,7 +139,7 @@ def fly(grade: str, name: str, seed: int) -> dict[str, Any]:
         "nees": nees,
         "rejected": [int(found["/summary/count/rejected"]), int(np.sum(used > 0))],
         "tuned": {key: float(found[f"/tuning/{path}"]) / drawn[key] for key, path in NUMBERS.items()},
-        "told": {key: "hardly" in str(found.variables[f"/tuning/{path}"].attributes["origin"])
+        "told": {key: "determined" in str(found.variables[f"/tuning/{path}"].attributes["origin"])
                  for key, path in NUMBERS.items()},
         "latency": float(found["/tuning/latency"]) - drawn["latency"],
         "findings": [f.text for f in of(found)],

@@ -174,7 +174,7 @@ def _of_lost(lost: replay.LostSpan) -> Finding:
         jump = float(np.linalg.norm(lost.jump))
         apart = f", {digits(jump)} m apart at the end" if np.isfinite(jump) else " twice, and the fixes came back"
         text = f"the filter contradicted its fixes{apart}: its output is unusable"
-    after = "nothing after it is flown, since no alignment was found" if lost.ended else "then the filter restarts"
+    after = "nothing after it is replayed, since no alignment was found" if lost.ended else "then the filter restarts"
     text += f" from {lost.begin:.1f} to {lost.end:.1f} s; {after}"
     return Finding("lost", text, (CONSISTENT,), 1, 1, 1, lost.begin)
 

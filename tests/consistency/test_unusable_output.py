@@ -190,7 +190,7 @@ def test_a_flight_ends_where_nothing_aligns_it_again(tmp_path: Path) -> None:
     without(tmp_path / "imu.csv", 60.0, 96.0)
     result = flown(tmp_path / "log.yaml", *GIVEN)
     assert result["/filter/time"][-1] <= 60.0
-    assert "nothing after it is flown, since no alignment was found" in told(result, "lost")
+    assert "nothing after it is replayed, since no alignment was found" in told(result, "lost")
 
 
 def test_a_filter_whose_attitude_is_lost_finds_it_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
