@@ -295,10 +295,6 @@ LOOP_TOLERANCE = 0.01
 """Largest distance between the trajectory that a run flew and the one that guidance by its estimates gives, m."""
 
 
-MOST_FLIGHTS = 20
-"""Flights of a run at most for that."""
-
-
 TOGETHER = 2
 """Flights of runs beside the same others."""
 
@@ -351,7 +347,8 @@ def fly_runs(
     - pushes: shifts what they draw, None to leave it.
 
     Aircraft that their estimates steer, or that an alarm breaks off, fly until the loop closes. Guidance acts on the
-    past alone. So each flight is right for longer than the one before, and one trajectory alone reproduces itself.
+    past alone. So each flight is right until a later output of the filter than the one before, and one trajectory alone
+    reproduces itself, after as many flights as there are outputs at the latest.
     Runs that need more than TOGETHER flights fly them beside those of other lanes."""
     packs, ways = [runs[i : i + WIDTH] for i in range(0, len(runs), WIDTH)], flight.shared.dispersion
     if ways is None or not ways.depends:
@@ -398,7 +395,7 @@ def fly_runs(
             departure = PathDeviation.of_lanes([one.departure for one in now_open], WIDTH)
             made, closed, now = flown(pack, Noise.of_lanes([one.noise for one in now_open]), departure, 1)
             for lane, one in enumerate(now_open):
-                if closed[lane] or one.flights + 1 == MOST_FLIGHTS:
+                if closed[lane] or one.flights > flight.shared.filter_time.size:
                     out[one.pack].put(one.place, made, lane)
                 else:
                     still_open.append(replace(one, departure=now.lane(lane), flights=one.flights + 1))

@@ -143,6 +143,14 @@ def test_estimates_without_error_steer_to_nothing() -> None:
     assert not motion(GuidanceErrors.of(first, values), 300).any()
 
 
+@pytest.mark.long
+def test_a_loop_closes_that_leaves_the_glide_path() -> None:
+    """Run 774 leaves the sector of the glide path for good. Each flight knows that for some seconds more, 22 in all."""
+    flown = case(STEERED, name="landing_ils")
+    (run,) = flown.fly_runs(1, 774, 1, measured=False)
+    assert run.loop_gap.max() <= LOOP_TOLERANCE
+
+
 def test_an_estimate_that_is_lost_is_held() -> None:
     """Guidance keeps the error that it had last; of two outputs at one sample the later counts."""
     first, values = np.array([0, 0, 10, 20]), np.zeros((4, 6, 2))
