@@ -229,6 +229,7 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "sources={positions: [{name: north, lat_deg: 56, lon_deg: 37, height_m: 150}, {name: east, lat_deg: 56, "
             "lon_deg: 37.01, height_m: 150}, {name: south, lat_deg: 55.99, lon_deg: 37, height_m: 150}]}",
             "clocks={datum: east, sources: {oscillator: ocxo}, receiver: {h0: 1.0e-21, h_minus2: 2.0e-20}}",
+            "motion={model: acceleration, correlation_time_s: 5}", "bias.smoothing_s=0.5",
             "reference={file: track.csv, columns: {t_s: time}}",
         )),
         ("recorded_ranges", (

@@ -159,9 +159,13 @@ def filter_causally(model: RangeModel, settings: dict[str, float], start: StartS
     return Filtered(out.state, out.covariance, innovation, variance, weight, surprise, history)
 
 
-def smooth(model: RangeModel, settings: dict[str, float], filtered: Filtered) -> tuple[np.ndarray, np.ndarray]:
-    """Smoothed state and covariance of a filter pass."""
-    state, covariance = np.empty_like(filtered.state), np.empty_like(filtered.covariance)
+def smooth(
+    model: RangeModel, settings: dict[str, float], filtered: Filtered, shown: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Smoothed state and covariance of a filter pass; shown: covariance of so many states, left out: of all."""
+    m, n = filtered.state.shape
+    size = n if shown is None else shown
+    state, covariance = np.empty((m, n)), np.empty((m, size, size))
     smooth_ranges(model.data, model.dynamics(settings), filtered.history, state, covariance)
     return state, covariance
 
@@ -205,17 +209,17 @@ def relinearise(
     the distribution of the positions, for a start whose sigma is large; else they are tangents."""
     if first is None:
         filtered = filter_pass(model, settings, start)
-        state, covariance = smooth(model, settings, filtered)
-        mean, spread = state[:, :3].copy(), covariance[:, :3, :3].copy()
+        state, spread = smooth(model, settings, filtered, 3)
+        mean = state[:, :3].copy()
     else:
         mean, spread = first.state[:, :3].copy(), first.covariance[:, :3, :3].copy()
     step, before = 1.0, np.inf
     for _ in range(rounds):
         lines = linearise(model, mean, spread) if wide else tangents(model, mean)
         filtered = filter_pass(model, settings, start, lines)
-        state, covariance = smooth(model, settings, filtered)
+        state, covariance = smooth(model, settings, filtered, 3)
         change = state[:, :3] - mean
-        sigma = np.sqrt(np.maximum(np.einsum("mii->mi", covariance[:, :3, :3]), 1e-12))
+        sigma = np.sqrt(np.maximum(np.einsum("mii->mi", covariance), 1e-12))
         moved = float(np.sqrt(np.mean((change / sigma) ** 2)))
         if moved < _STAYS:
             break
@@ -223,7 +227,8 @@ def relinearise(
             step = max(0.5 * step, 0.1)
         before = moved
         mean = mean + step * change
-        spread = covariance[:, :3, :3].copy()
+        spread = covariance
+    state, covariance = smooth(model, settings, filtered)
     return Smoothed(state, covariance, lines, filtered, moved, model.covariance(settings, start.sigma))
 
 

@@ -1,15 +1,17 @@
 """Extended Kalman filter and smoother of one range at a time.
 
 The filter takes each range at its own time, so that no epoch with all sources is needed. Its states are the position
-and its derivatives, the clocks as pairs of offset and rate, constant biases, and Gauss-Markov errors, in this order
-(`ranging.model`). Outliers are part of the measurement model: the noise of a range is a mixture of Gaussians, and the
-update matches mean and covariance of the posterior mixture [1]. The likelihood of the ranges follows from the same
-weights. The smoother is that of Bryson and Frazier [2], which inverts no covariance.
+and its derivatives, the clocks as pairs of offset and rate, constant biases, Gauss-Markov errors, and what a smoothing
+receiver makes of the first of these errors, in this order (`ranging.model`). An acceleration may fade [3]. Outliers are
+part of the measurement model: the noise of a range is a mixture of Gaussians, and the update matches mean and
+covariance of the posterior mixture [1]. The likelihood of the ranges follows from the same weights. The smoother is
+that of Bryson and Frazier [2], which inverts no covariance.
 
 Sources:
 
 - [1] Sorenson & Alspach, Automatica 7 (1971); Bar-Shalom & Fortmann, Tracking and Data Association (1988), section 6.4.
 - [2] Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
+- [3] Singer, Estimating optimal tracking filter performance for manned maneuvering targets, IEEE TAES 6 (1970).
 """
 
 from __future__ import annotations
@@ -23,16 +25,20 @@ from navsim.compiler.jit import kernel
 
 class Dynamics(NamedTuple):
     """Motion and errors between ranges: order of the motion (2: velocity, 3: acceleration), its noise densities (3,),
-    number of clocks and their noise densities (c, c, 2), first Gauss-Markov state, correlation times (k,) and standard
-    deviations (k,)."""
+    correlation time of an acceleration, s (inf: it does not fade), number of clocks and their noise densities
+    (c, c, 2), first Gauss-Markov state, correlation times (k,) and standard deviations (k,), number of the first of
+    these errors that the receiver smooths, and its time constant, s."""
 
     order: int
     motion: np.ndarray
+    motion_time: float
     clocks: int
     clock_noise: np.ndarray
     first_markov: int
     markov_time: np.ndarray
     markov_sigma: np.ndarray
+    smoothed: int
+    smoothing_time: float
 
 
 class RangeNoise(NamedTuple):
@@ -87,51 +93,117 @@ class RangeHistory(NamedTuple):
     """(m,): gain of the covariance along it."""
 
 
+LEGENDRE = np.array(np.polynomial.legendre.leggauss(5))
+"""Nodes and weights (2, 5) of the rule of Gauss and Legendre."""
+
+
 @kernel
-def _propagate_rows(order, clocks, first_markov, decay, dt, m):
-    """Rows of a matrix (n, k) over dt, in place."""
-    width = m.shape[1]
-    for o in range(order - 1):
-        for i in range(3):
-            factor = 1.0
-            for higher in range(o + 1, order):
-                factor *= dt / (higher - o)
-                for j in range(width):
-                    m[3 * o + i, j] += factor * m[3 * higher + i, j]
-    for c in range(clocks):
+def _fading(dt, tau, out):
+    """Change (3,) of position, velocity and acceleration over dt by an acceleration of 1 that fades with tau."""
+    out[2] = np.exp(-dt / tau)
+    out[1] = -tau * np.expm1(-dt / tau)
+    out[0] = tau * (dt - out[1])
+
+
+@kernel
+def _passed(dt, tau, smoothing):
+    """What a smoothed error takes over dt from an error of 1 that fades with tau."""
+    slow, fast = min(dt / smoothing, dt / tau), max(dt / smoothing, dt / tau)
+    x = fast - slow
+    return dt / smoothing * np.exp(-slow) * (-np.expm1(-x) / x if x > 0.0 else 1.0)
+
+
+@kernel
+def _changes(dynamics, dt, out):
+    """Coefficients (5, k) of the transition over dt.
+
+    Rows: decay of each Gauss-Markov error; what its smoothed error takes of it; decay of the smoothed error; the
+    effect of an acceleration on position, velocity and itself; of a velocity on the position."""
+    for i in range(dynamics.markov_time.shape[0]):
+        out[0, i] = np.exp(-dt / dynamics.markov_time[i])
+    for i in range(dynamics.smoothed):
+        out[1, i] = _passed(dt, dynamics.markov_time[i], dynamics.smoothing_time)
+        out[2, i] = np.exp(-dt / dynamics.smoothing_time)
+    out[3, 0], out[3, 1], out[3, 2] = 0.5 * dt * dt, dt, 1.0
+    if dynamics.motion_time < np.inf:
+        _fading(dt, dynamics.motion_time, out[3])
+    out[4, 0] = dt
+
+
+@kernel
+def _propagate_rows(dynamics, change, m):
+    """Rows of a matrix (n, k) by the transition of these changes, in place."""
+    width, order, dt = m.shape[1], dynamics.order, change[4, 0]
+    for i in range(3):
+        for j in range(width):
+            m[i, j] += dt * m[3 + i, j]
+            if order > 2:
+                m[i, j] += change[3, 0] * m[6 + i, j]
+                m[3 + i, j] += change[3, 1] * m[6 + i, j]
+                m[6 + i, j] *= change[3, 2]
+    for c in range(dynamics.clocks):
         a = 3 * order + 2 * c
         for j in range(width):
             m[a, j] += dt * m[a + 1, j]
-    for i in range(decay.shape[0]):
+    first, count = dynamics.first_markov, dynamics.markov_time.shape[0]
+    for i in range(dynamics.smoothed):
         for j in range(width):
-            m[first_markov + i, j] *= decay[i]
+            m[first + count + i, j] = change[2, i] * m[first + count + i, j] + change[1, i] * m[first + i, j]
+    for i in range(count):
+        for j in range(width):
+            m[first + i, j] *= change[0, i]
 
 
 @kernel
-def _transpose_rows(order, clocks, first_markov, decay, dt, m):
-    """Rows of a matrix (n, k) by the transposed transition over dt, in place."""
-    width = m.shape[1]
-    for o in range(order - 1, 0, -1):
-        for i in range(3):
-            factor = 1.0
-            for lower in range(o - 1, -1, -1):
-                factor *= dt / (o - lower)
-                for j in range(width):
-                    m[3 * o + i, j] += factor * m[3 * lower + i, j]
-    for c in range(clocks):
+def _transpose_rows(dynamics, change, m):
+    """Rows of a matrix (n, k) by the transposed transition of these changes, in place."""
+    width, order, dt = m.shape[1], dynamics.order, change[4, 0]
+    for i in range(3):
+        for j in range(width):
+            if order > 2:
+                m[6 + i, j] = change[3, 2] * m[6 + i, j] + change[3, 1] * m[3 + i, j] + change[3, 0] * m[i, j]
+            m[3 + i, j] += dt * m[i, j]
+    for c in range(dynamics.clocks):
         a = 3 * order + 2 * c
         for j in range(width):
             m[a + 1, j] += dt * m[a, j]
-    for i in range(decay.shape[0]):
+    first, count = dynamics.first_markov, dynamics.markov_time.shape[0]
+    for i in range(count):
         for j in range(width):
-            m[first_markov + i, j] *= decay[i]
+            m[first + i, j] *= change[0, i]
+    for i in range(dynamics.smoothed):
+        for j in range(width):
+            m[first + i, j] += change[1, i] * m[first + count + i, j]
+            m[first + count + i, j] *= change[2, i]
 
 
 @kernel
-def _add_noise(dynamics, decay, dt, p):
-    """Noise of an interval dt, in place."""
-    order = dynamics.order
+def _add_fading(dynamics, dt, p):
+    """Noise of an interval dt behind accelerations that fade, in place.
+
+    It is the integral of the squared response to an impulse, by Gauss and Legendre's rule of five points in steps no
+    longer than the correlation time: the closed form loses its digits over short intervals."""
+    steps = int(np.ceil(dt / dynamics.motion_time))
+    reply, square = np.empty(3), np.zeros((3, 3))
+    for step in range(steps):
+        for k in range(5):
+            _fading(dt / steps * (step + 0.5 + 0.5 * LEGENDRE[0, k]), dynamics.motion_time, reply)
+            for a in range(3):
+                for b in range(3):
+                    square[a, b] += 0.5 * dt / steps * LEGENDRE[1, k] * reply[a] * reply[b]
     for i in range(3):
+        for a in range(3):
+            for b in range(3):
+                p[3 * a + i, 3 * b + i] += dynamics.motion[i] * square[a, b]
+
+
+@kernel
+def _add_noise(dynamics, change, dt, p):
+    """Noise of an interval dt with these changes, in place."""
+    order = dynamics.order
+    if dynamics.motion_time < np.inf:
+        _add_fading(dynamics, dt, p)
+    for i in range(3 if dynamics.motion_time == np.inf else 0):
         q = dynamics.motion[i]
         for a in range(order):
             for b in range(order):
@@ -151,9 +223,20 @@ def _add_noise(dynamics, decay, dt, p):
             p[a, b + 1] += 0.5 * frequency * dt * dt
             p[a + 1, b] += 0.5 * frequency * dt * dt
             p[a + 1, b + 1] += frequency * dt
-    for i in range(decay.shape[0]):
+    for i in range(dynamics.markov_time.shape[0]):
         a = dynamics.first_markov + i
-        p[a, a] += dynamics.markov_sigma[i] ** 2 * (1.0 - decay[i] * decay[i])
+        p[a, a] += dynamics.markov_sigma[i] ** 2 * (1.0 - change[0, i] * change[0, i])
+    for i in range(dynamics.smoothed):
+        # what the transition leaves of the stationary covariance [[s, c], [c, c]], taken from it
+        s, tau = dynamics.markov_sigma[i] ** 2, dynamics.markov_time[i]
+        c = s * tau / (tau + dynamics.smoothing_time)
+        left, passed, kept = change[0, i], change[1, i], change[2, i]
+        a = dynamics.first_markov + i
+        b = a + dynamics.markov_time.shape[0]
+        cross = c - left * (passed * s + kept * c)
+        p[a, b] += cross
+        p[b, a] += cross
+        p[b, b] += c - passed * passed * s - 2.0 * passed * kept * c - kept * kept * c
 
 
 @kernel
@@ -185,23 +268,23 @@ def filter_ranges(data, dynamics, noise, lines, x, p, out, innovation, variance,
     """
     n = x.shape[0]
     keep, linear = out.pull.shape[0] > 0, lines.offset.shape[0]
-    row, gain, column, decay = np.empty(n), np.empty(n), np.empty((n, 1)), np.empty(dynamics.markov_time.shape[0])
+    row, gain, column = np.empty(n), np.empty(n), np.empty((n, 1))
+    change = np.empty((5, max(3, dynamics.markov_time.shape[0])))
     q = np.empty((n, n))
     kinds = noise.share.shape[0]
     likelihood = np.empty(kinds)
     for k in range(data.time.shape[0]):
         dt = data.time[k] - data.time[k - 1] if k > 0 else 0.0
         if dt > 0.0:
-            for i in range(decay.shape[0]):
-                decay[i] = np.exp(-dt / dynamics.markov_time[i])
+            _changes(dynamics, dt, change)
             column[:, 0] = x
-            _propagate_rows(dynamics.order, dynamics.clocks, dynamics.first_markov, decay, dt, column)
+            _propagate_rows(dynamics, change, column)
             x[:] = column[:, 0]
-            _propagate_rows(dynamics.order, dynamics.clocks, dynamics.first_markov, decay, dt, p)
+            _propagate_rows(dynamics, change, p)
             _transpose(p, q)
-            _propagate_rows(dynamics.order, dynamics.clocks, dynamics.first_markov, decay, dt, q)
+            _propagate_rows(dynamics, change, q)
             _symmetrise(q, p)
-            _add_noise(dynamics, decay, dt, p)
+            _add_noise(dynamics, change, dt, p)
         rest = 0.0
         row[:] = data.row[k]
         if k < linear:
@@ -261,10 +344,11 @@ def filter_ranges(data, dynamics, noise, lines, x, p, out, innovation, variance,
 
 @kernel
 def smooth_ranges(data, dynamics, out, state, covariance):
-    """Smoothed state (m, n) and covariance (m, n, n) at each range, from the filter's `RangeHistory`."""
+    """Smoothed state (m, n) and covariance (m, s, s) of its first s at each range, from the filter's `RangeHistory`."""
     m, n = out.state.shape
+    shown = covariance.shape[1]
     pull, shrink, q = np.zeros((n, 1)), np.zeros((n, n)), np.empty((n, n))
-    along, decay = np.empty(n), np.empty(dynamics.markov_time.shape[0])
+    along, change = np.empty(n), np.empty((5, max(3, dynamics.markov_time.shape[0])))
     half = np.empty((n, n))
     for k in range(m - 1, -1, -1):
         p, row, gain = out.covariance[k], out.row[k], out.gain[k]
@@ -272,11 +356,13 @@ def smooth_ranges(data, dynamics, out, state, covariance):
             state[k, i] = out.state[k, i]
             for j in range(n):
                 state[k, i] -= p[i, j] * pull[j, 0]
+        for i in range(shown):
+            for j in range(n):
                 half[i, j] = 0.0
                 for a in range(n):
                     half[i, j] += p[i, a] * shrink[a, j]
-        for i in range(n):
-            for j in range(n):
+        for i in range(shown):
+            for j in range(shown):
                 covariance[k, i, j] = p[i, j]
                 for a in range(n):
                     covariance[k, i, j] -= half[i, a] * p[a, j]
@@ -295,12 +381,11 @@ def smooth_ranges(data, dynamics, out, state, covariance):
                 shrink[i, j] += row[i] * row[j] * (g + g * g * double) - g * (row[i] * along[j] + along[i] * row[j])
         dt = data.time[k] - data.time[k - 1] if k > 0 else 0.0
         if dt > 0.0:
-            for i in range(decay.shape[0]):
-                decay[i] = np.exp(-dt / dynamics.markov_time[i])
-            _transpose_rows(dynamics.order, dynamics.clocks, dynamics.first_markov, decay, dt, pull)
-            _transpose_rows(dynamics.order, dynamics.clocks, dynamics.first_markov, decay, dt, shrink)
+            _changes(dynamics, dt, change)
+            _transpose_rows(dynamics, change, pull)
+            _transpose_rows(dynamics, change, shrink)
             _transpose(shrink, q)
-            _transpose_rows(dynamics.order, dynamics.clocks, dynamics.first_markov, decay, dt, q)
+            _transpose_rows(dynamics, change, q)
             _symmetrise(q, shrink)
 
 
@@ -308,7 +393,7 @@ def smooth_ranges(data, dynamics, out, state, covariance):
 def smooth_mean(data, dynamics, out, until, state):
     """Smoothed states (until, n) by the ranges 0 .. until - 1, from a `RangeHistory`, without covariances."""
     n = out.state.shape[1]
-    pull, decay = np.zeros((n, 1)), np.empty(dynamics.markov_time.shape[0])
+    pull, change = np.zeros((n, 1)), np.empty((5, max(3, dynamics.markov_time.shape[0])))
     for k in range(until - 1, -1, -1):
         p, row, gain = out.covariance[k], out.row[k], out.gain[k]
         projected = 0.0
@@ -321,6 +406,5 @@ def smooth_mean(data, dynamics, out, until, state):
             pull[i, 0] -= row[i] * (out.shrink[k] * projected + out.pull[k])
         dt = data.time[k] - data.time[k - 1] if k > 0 else 0.0
         if dt > 0.0:
-            for i in range(decay.shape[0]):
-                decay[i] = np.exp(-dt / dynamics.markov_time[i])
-            _transpose_rows(dynamics.order, dynamics.clocks, dynamics.first_markov, decay, dt, pull)
+            _changes(dynamics, dt, change)
+            _transpose_rows(dynamics, change, pull)

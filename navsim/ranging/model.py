@@ -6,7 +6,10 @@ bias for each source, and a second one that grows with distance if the scenario 
 time-correlated errors: a fast and a slow one for each source, one for all ranges.
 
     two_way   r_i = |p - p_i| + a_i + s_i f(r_i) + w_i + v_i + w + e
-    one_way   r_i = |p - p_i| + c (dt_receiver - dt_i) + w_i + e
+    one_way   r_i = |p - p_i| + c (dt_receiver - dt_i) + u_i + e,   du_i/dt = (w_i - u_i) / T
+
+A receiver of continuous signals smooths its pseudoranges by its loops or by the carrier: their wandering error w_i
+appears as u_i, without steps. An acceleration fades with a correlation time (Singer 1970).
 
 Source: Brown & Hwang, Introduction to Random Signals and Applied Kalman Filtering, on clocks of two states.
 """
@@ -49,8 +52,10 @@ SETTINGS = {
         NoiseSetting("range_sigma", "m", 0.1, 0.01, 100.0),
         NoiseSetting("wander_sigma", "m", 0.05, 1e-3, 30.0),
         NoiseSetting("wander_time", "s", 1.0, 0.05, 300.0),
+        NoiseSetting("smoothing_time", "s", 0.5, 0.02, 30.0),
         NoiseSetting("horizontal_noise", "1", 0.5, 0.01, 30.0),
         NoiseSetting("vertical_noise", "1", 0.1, 0.01, 30.0),
+        NoiseSetting("motion_time", "s", 10.0, 0.3, 1e4),
         NoiseSetting("source_phase", "m2/s", 1e-3, 1e-8, 10.0),
         NoiseSetting("source_frequency", "m2/s3", 1e-6, 1e-12, 1.0),
         NoiseSetting("receiver_phase", "m2/s", 1e-2, 1e-8, 1e3),
@@ -104,8 +109,18 @@ class RangeModel:
     @property
     def free(self) -> tuple[str, ...]:
         """Names of the settings that are tuned."""
-        used = [name for name in SETTINGS if name not in self.given]
-        return tuple(name for name in used if not self.has_no_clock or name not in CLOCK_SETTINGS)
+        left_out = set(CLOCK_SETTINGS) if self.has_no_clock else set()
+        if not self.smoothed:
+            left_out.add("smoothing_time")
+        if self.order < 3:
+            left_out.add("motion_time")
+        return tuple(name for name in SETTINGS if name not in self.given and name not in left_out)
+
+    @property
+    def smoothed(self) -> int:
+        """Number of errors that the receiver smooths."""
+        names = self.log.sources.names
+        return len(names) if f"smoothed error {names[0]}" in self.names else 0
 
     def settings(self) -> dict[str, float]:
         """Settings where the tuning starts, those given as they are."""
@@ -121,14 +136,17 @@ class RangeModel:
             noise[i, i] = own[name]
         if self.clocks:
             noise += own[self.datum]
-        wandering = self.size - self.first_markov
+        wandering = self.size - self.first_markov - self.smoothed
         place, common = self.scenario.bias.place, self.scenario.bias.common
         time, sigma = np.full(wandering, settings["wander_time"]), np.full(wandering, settings["wander_sigma"])
         if self.has_no_clock:
             count = len(self.log.sources.names)
             time[count:], sigma[count:] = place.correlation_time_s, place.sigma_m
             time[-1], sigma[-1] = common.correlation_time_s, common.sigma_m
-        return Dynamics(self.order, motion, len(self.clocks), noise, self.first_markov, time, sigma)
+        return Dynamics(
+            self.order, motion, settings["motion_time"] if self.order > 2 else np.inf, len(self.clocks), noise,
+            self.first_markov, time, sigma, self.smoothed, settings["smoothing_time"],
+        )  # fmt: skip
 
     def noise(self, settings: dict[str, float]) -> RangeNoise:
         """Noise of a range."""
@@ -162,8 +180,13 @@ class RangeModel:
             p[at, at] = section.bias.sigma_m**2
             if section.bias.growth is not None:
                 p[at + count, at + count] = section.bias.growth.sigma_m**2
-        at = np.arange(self.first_markov, self.size)
-        p[at, at] = self.dynamics(settings).markov_sigma ** 2
+        at = np.arange(self.first_markov, self.size - self.smoothed)
+        variance = self.dynamics(settings).markov_sigma ** 2
+        p[at, at] = variance
+        if self.smoothed:
+            driver, last = at[: self.smoothed], np.arange(self.size - self.smoothed, self.size)
+            shared = variance[: self.smoothed] / (1.0 + settings["smoothing_time"] / settings["wander_time"])
+            p[driver, last] = p[last, driver] = p[last, last] = shared
         return p
 
 
@@ -195,6 +218,9 @@ def build_model(scenario: RecordedRanges, log: RangeLog) -> RangeModel:
         names += [f"slow error {name}" for name in sources]
     if two_way:
         names += ["wandering error of all"]
+    first_smoothed = len(names)
+    if not two_way and scenario.bias.smoothing_s != 0.0:
+        names += [f"smoothed error {name}" for name in sources]
     units += ["m"] * (len(names) - first_markov)
     row = np.zeros((log.time.size, len(names)))
     every = np.arange(log.time.size)
@@ -208,7 +234,7 @@ def build_model(scenario: RecordedRanges, log: RangeLog) -> RangeModel:
                 -np.maximum(log.range, 0.0) / growth.distance_m
             )
         row[:, -1] = 1.0
-    row[every, first_markov + log.source] = 1.0
+    row[every, (first_markov if first_smoothed == len(names) else first_smoothed) + log.source] = 1.0
     if has_place:
         row[every, first_markov + len(sources) + log.source] = 1.0
     known = np.isfinite(log.sigma)
@@ -226,6 +252,10 @@ def _settings(scenario: RecordedRanges) -> dict[str, float]:
     out: dict[str, float] = {}
     if scenario.ranges.sigma_m is not None:
         out["range_sigma"] = scenario.ranges.sigma_m
+    if scenario.bias.smoothing_s is not None:
+        out["smoothing_time"] = scenario.bias.smoothing_s
+    if scenario.motion.correlation_time_s is not None:
+        out["motion_time"] = scenario.motion.correlation_time_s
     if (wander := scenario.bias.wander) is not None:
         out |= {"wander_sigma": wander.sigma_m, "wander_time": wander.correlation_time_s}
     if (noise := scenario.motion.noise) is not None:

@@ -140,6 +140,8 @@ class MotionSection(Section):
     noise: PairOf[Sigma] | None = None
     """root of the density of that noise, horizontal per axis and vertical: m/s a root second of a velocity, m/s2 a root
     a root second of an acceleration or jerk; left out: tuned"""
+    correlation_time_s: CorrelationTime | None = None
+    """correlation time of the acceleration, for acceleration; left out: tuned"""
     height: Literal["free", "constant"] = "free"
     """constant: the vehicle stays at the height it starts at, such as a car on level ground"""
     speed_sigma_m_s: Sigma = 10.0
@@ -175,6 +177,8 @@ class BiasSection(Section):
     """a further state for each source, for two_way"""
     wander: WanderSection | None = None
     """wandering error of each source, such as reflections; left out: tuned"""
+    smoothing_s: NonNegative | None = None
+    """time constant of the receiver's smoothing of this wandering error, for one_way; left out: tuned; 0: none"""
     place: WanderSection = WanderSection(sigma_m=0.03, correlation_time_s=30.0)
     """slow error of each source that differs from place to place, such as that of antennas, for two_way. Ranges alone
     hardly show it, so it is never tuned; sigma_m 0: none"""
@@ -275,6 +279,10 @@ class RecordedRanges(Section):
         one_way = self.ranges.measurement == "one_way"
         if one_way and self.bias.growth is not None:
             raise reject("pseudoranges do not show the distance; leave growth out", "bias", "growth")
+        if self.motion.model == "velocity" and self.motion.correlation_time_s is not None:
+            raise reject("the velocity model has no acceleration; leave it out", "motion", "correlation_time_s")
+        if not one_way and self.bias.smoothing_s is not None:
+            raise reject("two-way ranges are measured one by one; leave it out", "bias", "smoothing_s")
         if not one_way and self.clocks != ClocksSection():
             raise reject("two-way ranges have no clocks; leave this section out", "clocks")
         return self

@@ -150,3 +150,11 @@ def test_a_few_late_rows_are_sorted_and_told(tmp_path: Path) -> None:
 )
 def test_keys_that_contradict(tmp_path: Path, more: str, says: str) -> None:
     assert says in refusal(tmp_path, table(), more=more)
+
+
+@pytest.mark.parametrize(("more", "text"), [
+    ("motion: {correlation_time_s: 5}", "the velocity model has no acceleration"),
+    ("bias: {smoothing_s: 1}", "two-way ranges are measured one by one"),
+])  # fmt: skip
+def test_keys_of_the_other_models_are_refused(tmp_path: Path, more: str, text: str) -> None:
+    assert text in refusal(tmp_path, table(), more=more)
