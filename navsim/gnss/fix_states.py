@@ -107,16 +107,18 @@ class FixStates:
         """History up to an end, s, with the forced states."""
         return self.with_forced(self.unforced(rng, end))
 
-    def unforced(self, rng: np.random.Generator, end: float, state: int | None = None, at: float = 0.0) -> StateHistory:
-        """History up to an end, s, without forced states; given that it has a state at a time, s.
+    def unforced(
+        self, rng: np.random.Generator, end: float, state: int | None = None, since: float = 0.0, until: float = 0.0
+    ) -> StateHistory:
+        """History up to an end, s, without forced states; given that it has a state from one time to another, s.
 
         Times that remain in that state, and that it has lasted, are exponential both.
         """
         if state is None:
             state = int(rng.choice(len(STATES), p=self.shares))
-        past, earlier = self._walk(rng, state, at, self.before) if at > 0.0 else ([0.0], [state])
-        ahead, later = self._walk(rng, state, end - at, self.following)
-        begin = [0.0, *(at - t for t in past[:0:-1]), *(at + t for t in ahead[1:])]
+        past, earlier = self._walk(rng, state, since, self.before) if since > 0.0 else ([0.0], [state])
+        ahead, later = self._walk(rng, state, end - until, self.following)
+        begin = [0.0, *(since - t for t in past[:0:-1]), *(until + t for t in ahead[1:])]
         return StateHistory(np.array(begin), np.array([*earlier[::-1], *later[1:]]))
 
     def _walk(

@@ -212,7 +212,7 @@ METHODS = (
     Method(
         "rare events by importance sampling",
         "docs/rare-events.md",
-        ("bryson1975", "owen2000", "veach1995", "bucklew2004"),
+        ("bryson1975", "owen2000", "veach1995", "bucklew2004", "rubinstein2004"),
         _method("rare"),
     ),
     Method("fixes watched by their residuals", _WATCH, ("brown1994", "walter1995"), _integrity("chi2")),

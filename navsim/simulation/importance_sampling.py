@@ -17,6 +17,7 @@ Sources:
 - [2] Veach & Guibas, Optimally combining sampling techniques for Monte Carlo rendering, SIGGRAPH (1995) (the balance
   heuristic).
 - [3] Bucklew, Introduction to Rare Event Simulation (2004) (shifts to the likeliest way into a rare set).
+- [4] Rubinstein & Kroese, The Cross-Entropy Method (2004) (proposals nearest to the rare set, from a few samples).
 """
 
 from __future__ import annotations
@@ -52,9 +53,11 @@ _STEPS = 1001
 _CHAIN = 0.2
 """Share of the histories of fix states that the chain itself draws."""
 _BEFORE = (0.0, 5.0, 15.0)
-"""Times before the box at which the state of the other histories is given, s: filters and autopilots are slow."""
-_TRIALS = 4
-"""Histories of each kind that decide how many runs get it."""
+"""Times before the box until which the state of the other histories is given, s: filters and autopilots are slow."""
+_LASTED = (0.0, 2.0)
+"""How long it has lasted then at least, in mean times of the state."""
+_TRIALS, _FITS = 4, 3
+"""Histories of each kind that decide how many runs get it, and the iterations that this takes."""
 _KEPT = 16
 """Slopes that are kept for other histories with the same flags."""
 
@@ -263,15 +266,17 @@ class DrawnHistory(NamedTuple):
 @dataclass(frozen=True)
 class HistoryProposal:
     """Proposal density of the histories of fix states: a mixture of the chain, and of the chain given that it has a
-    state at a time.
+    state from one time to another.
 
-    Given a state at a time, the density of a history is that of the chain over the stationary share of the state, for
-    histories that have it there, and 0 for others.
+    Given that, the density of a history is that of the chain over the probability of the state from then to then, for
+    histories that have it, and 0 for others.
     """
 
     shifts: ShiftsByHistory
-    at: np.ndarray
+    since: np.ndarray
     """(C,) times of the components, s."""
+    until: np.ndarray
+    """(C,) likewise."""
     state: np.ndarray
     """(C,) states of the components."""
     shares: np.ndarray
@@ -279,20 +284,26 @@ class HistoryProposal:
 
     @classmethod
     def of(cls, shifts: ShiftsByHistory, box_time: float) -> HistoryProposal:
-        """Half of the runs given a state go to all states and times alike, half by the probabilities of leaving the
-        box with them, to first order."""
-        stationary = shifts.model.shares
-        there = [(max(box_time - before, 0.0), n) for before in _BEFORE for n in np.flatnonzero(stationary > LEAST)]
-        at, state = map(np.array, zip(*there, strict=True))
-        out = cls(shifts, at, state, np.zeros(at.size))
-        chance = np.zeros(at.size)
-        for c in range(at.size):
-            for trial in range(_TRIALS):
-                history = out.history_of(generator(c, trial, "tilt", 2), c)
-                tilt = shifts.of(shifts.model.with_forced(history))
-                chance[c] += stationary[state[c]] * min(1.0, float(shifts.chances(tilt).sum()))
-        likely = chance / chance.sum() if chance.sum() > 0.0 else np.full(at.size, 1.0 / at.size)
-        return replace(out, shares=(1.0 - _CHAIN) * (_EVENLY / at.size + (1.0 - _EVENLY) * likely))
+        """Half of the runs given a state go to all components alike, half by the probabilities of leaving the box, to
+        first order: the mixture that is nearest to the histories outside [4]."""
+        model = shifts.model
+        given = [
+            (max(box_time - before - lasted * model.mean_time[n], 0.0), max(box_time - before, 0.0), n)
+            for before, lasted in itertools.product(_BEFORE, _LASTED)
+            for n in np.flatnonzero(model.shares > LEAST)
+        ]
+        since, until, state = map(np.array, zip(*given, strict=True))
+        out, likely = cls(shifts, since, until, state, np.zeros(state.size)), np.full(state.size, 1.0 / state.size)
+        drawn = [out.history_of(generator(c, k, "tilt", 2), c) for c in range(state.size) for k in range(_TRIALS)]
+        density = np.array([out._densities(history) for history in drawn])
+        tilts = [shifts.of(model.with_forced(history)) for history in drawn]
+        outside = np.minimum(np.sum([shifts.chances(tilt) for tilt in tilts], axis=1), 1.0) / density.mean(axis=1)
+        some = outside > LEAST * outside.sum()
+        density, outside = density[some], outside[some]
+        for _ in range(_FITS if outside.size else 0):
+            of_each = density * likely
+            likely = outside @ (of_each / of_each.sum(axis=1, keepdims=True)) / outside.sum()
+        return replace(out, shares=(1.0 - _CHAIN) * (_EVENLY / state.size + (1.0 - _EVENLY) * likely))
 
     @property
     def most_weight(self) -> float:
@@ -302,18 +313,24 @@ class HistoryProposal:
     def history_of(self, rng: np.random.Generator, component: int) -> StateHistory:
         """History without forced states that a component draws; one beyond the last is the chain."""
         model, end = self.shifts.model, float(self.shifts.flight.shared.signals.time[-1])
-        if component >= self.at.size:
+        if component >= self.state.size:
             return model.unforced(rng, end)
-        return model.unforced(rng, end, int(self.state[component]), float(self.at[component]))
+        given = int(self.state[component]), float(self.since[component]), float(self.until[component])
+        return model.unforced(rng, end, *given)
+
+    def _densities(self, history: StateHistory) -> np.ndarray:
+        """Densities (C,) of a history by each component over that by the chain."""
+        model, place = self.shifts.model, history.at(self.since)
+        has = (history.state[place] == self.state) & (place == history.at(self.until))
+        lasts = np.exp((self.since - self.until) / model.mean_time[self.state])
+        return np.where(has, 1.0 / (model.shares[self.state] * lasts), 0.0)
 
     def drawn(self, seed: int, run: int) -> DrawnHistory:
         """That of a run."""
         rng, ends = generator(seed, run, "tilt", 1), np.cumsum(self.shares)
         component = int(np.searchsorted(ends, rng.random(), side="right"))
         history = self.history_of(rng, component)
-        has = history.state[history.at(self.at)] == self.state
-        density = _CHAIN + np.sum(self.shares[has] / self.shifts.model.shares[self.state[has]])
-        chain = component == self.at.size
+        density, chain = _CHAIN + self.shares @ self._densities(history), component == self.state.size
         return DrawnHistory(self.shifts.model.with_forced(history), -float(np.log(density)), chain)
 
 

@@ -49,16 +49,18 @@ def test_shares_of_the_states(within: Within) -> None:
 
 
 def test_histories_that_have_a_state_at_a_time() -> None:
-    """Before and after it the chain is where the exponential of its rates, and Bayes' theorem, say."""
-    found, at, draws = chain(), 25.0, 2000
+    """Before and after it the chain is where the exponential of its rates, and Bayes' theorem, say. It may last until
+    another time."""
+    found, since, until, draws = chain(), 25.0, 32.0, 2000
     rates = (found.following - np.eye(5)) / found.mean_time[:, None]
     rng = np.random.default_rng(7)
-    times = np.array([5.0, at, 60.0])
-    histories = [found.unforced(rng, 60.0, WRONG, at) for _ in range(draws)]
+    times = np.array([5.0, since, 60.0])
+    histories = [found.unforced(rng, 60.0, WRONG, since, until) for _ in range(draws)]
     states = np.array([history.state[history.at(times)] for history in histories])
     assert (states[:, 1] == WRONG).all()
+    assert not np.diff([history.at(np.array([since, until])) for history in histories]).any()
     before = found.shares * expm(20.0 * rates)[:, WRONG] / found.shares[WRONG]
-    for column, expected in ((0, before), (2, expm(35.0 * rates)[WRONG])):
+    for column, expected in ((0, before), (2, expm(28.0 * rates)[WRONG])):
         share = np.bincount(states[:, column], minlength=5) / draws
         assert np.abs(share - expected).max() < 4.0 * 0.5 / np.sqrt(draws)
 
