@@ -37,6 +37,9 @@ os.environ["XDG_DATA_HOME"] = "/dev/null/data"
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+# tests run in two processes already
+os.environ["NAVSIM_SECOND_PROCESS"] = "off"
+
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared"
 SCENARIOS = ROOT / "scenarios"

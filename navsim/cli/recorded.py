@@ -30,6 +30,7 @@ from navsim.cli.options import (
     set_option,
 )
 from navsim.cli.terminal import TerminalRequest, run_job
+from navsim.runner.executor import threads
 from navsim.runner.opening import open_job, stem_of_log, target_of
 from navsim.runner.resources import Request, check_resources
 from navsim.runner.target import check_target, figure_folder, locked_target, save
@@ -216,7 +217,7 @@ def _session(scenario: Path, given: LiveOptions, care: OutputOptions, target: Pa
             if getattr(section, name):
                 AT_TERMINAL.warn(f"{scenario}: {name} is not used: one live flight is not judged by it")
         start = None if given.start_time is None else source_clock.start_time(given.start_time)
-        keep(locked_target(target, _KERNELS, AT_TERMINAL))
+        keep(locked_target(target, _KERNELS, AT_TERMINAL, threads().workers))
         case = landing.prepare(section, document, ask)
         if not case.shared.signals.time.size:
             leave(BAD_INPUT, f"{scenario}: duration_s {section.duration_s:g} is too short for one fix to come")

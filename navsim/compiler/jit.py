@@ -161,6 +161,11 @@ def _drop_unused(folders: _Folders) -> None:
                 folders.parts.remove(name)
 
 
+def keeps() -> bool:
+    """Whether machine code is kept on disk."""
+    return _FOLDERS is not None and not _NOT_KEPT
+
+
 def compiling() -> str:
     """Message before kernels are compiled: how long it takes, and where the machine code goes."""
     if _FOLDERS is None or _NOT_KEPT:

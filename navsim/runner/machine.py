@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import resource
 import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,25 +57,41 @@ def _process_limit(proc: Path) -> float | None:
     return float(limit - mapped + held)
 
 
+def usable_cores(proc: Path = Path("/proc"), groups: Path = Path("/sys/fs/cgroup")) -> float:
+    """Cores that the process may use at once, by its affinity and the limits of its control groups (v1 or v2)."""
+    limits = [float(threads().workers)]
+    for place, version2 in _control_groups(proc, groups, "cpu"):
+        quota = _integer(place / ("cpu.max" if version2 else "cpu.cfs_quota_us"))
+        period = _integer(place / "cpu.max", 1) if version2 else _integer(place / "cpu.cfs_period_us")
+        if quota is not None and period:
+            limits.append(quota / period)
+    return min(limits)
+
+
 def _group_memory(proc: Path, groups: Path) -> list[float]:
     """Remaining memory of the control groups of the process, bytes."""
     found = []
+    for place, version2 in _control_groups(proc, groups, "memory"):
+        names = ("memory.max", "memory.current") if version2 else ("memory.limit_in_bytes", "memory.usage_in_bytes")
+        most, used = _integer(place / names[0]), _integer(place / names[1])
+        if most is not None and used is not None and most < 2**60:
+            # the cache of files is given up before anything else
+            cache = _field(place / "memory.stat", "inactive_file") or 0.0
+            found.append(float(most) - used + cache)
+    return found
+
+
+def _control_groups(proc: Path, groups: Path, controller: str) -> Iterator[tuple[Path, bool]]:
+    """Folders of the process's control groups that limit a resource (controller); whether they are of version 2."""
     for line in _lines(proc / "self/cgroup"):
         parts = line.split(":", 2)
-        if len(parts) < 3 or (parts[1] and "memory" not in parts[1].split(",")):
+        if len(parts) < 3 or (parts[1] and controller not in parts[1].split(",")):
             continue
-        version2 = not parts[1]
-        root = groups if version2 else groups / "memory"
-        names = ("memory.max", "memory.current") if version2 else ("memory.limit_in_bytes", "memory.usage_in_bytes")
+        root = groups / controller if parts[1] else groups
         folder = root / parts[2].lstrip("/")
         # a container often has its own group as the root, whatever the process file contains
         for place in (folder, *(parent for parent in folder.parents if parent == root or root in parent.parents)):
-            most, used = _integer(place / names[0]), _integer(place / names[1])
-            if most is not None and used is not None and most < 2**60:
-                # the cache of files is given up before anything else
-                cache = _field(place / "memory.stat", "inactive_file") or 0.0
-                found.append(float(most) - used + cache)
-    return found
+            yield place, not parts[1]
 
 
 def _lines(file: Path) -> list[str]:

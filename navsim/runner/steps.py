@@ -87,7 +87,7 @@ def run_job(name: object, job: Job, target: Path, order: JobRequest, listener: J
         if order.dry_run:
             _report_estimate(name, job, target, order, listener, executor)
             return None
-        with locked_target(target, job.kernels, listener.speech):
+        with locked_target(target, job.kernels, listener.speech, 1 if executor.away else executor.workers):
             _load_ahead(job.kernels, listener.ahead)
             _prepare(name, job, target, order, listener, executor)
             return _computed(name, job, target, order, listener, executor, drawing)

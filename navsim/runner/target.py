@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +13,10 @@ from navsim.runner.reporter import Reporter
 
 if TYPE_CHECKING:
     from navsim.results.result import Result, ResultKind
+
+
+_COMPILING_MEMORY = 2e9
+"""Memory of two processes that compile, bytes: each takes at most 0.7 GB."""
 
 
 def require_folder(output: Path, option: str = "-o/--output") -> None:
@@ -68,12 +72,12 @@ def refuse_other(target: Path, sort: ResultKind, force: bool) -> None:
 
 
 @contextmanager
-def locked_target(target: Path, kernels: str, speech: Reporter) -> Iterator[None]:
+def locked_target(target: Path, kernels: str, speech: Reporter, workers: int) -> Iterator[None]:
     """Context of the computation of a result: it locks the target against other processes and removes leftovers of
     killed ones.
 
-    It also says why the first work with these kernels (`runner.job.Job`) takes longer, and goes on saying so. Raises
-    BadInput.
+    It also says why the first work with these kernels (`runner.job.Job`) takes longer, and goes on saying so. With
+    two workers, two processes compile them. Raises BadInput.
     """
     from navsim.compiler import jit
     from navsim.compiler.announcement import announced
@@ -91,9 +95,23 @@ def locked_target(target: Path, kernels: str, speech: Reporter) -> Iterator[None
             clean(target, owned=True)
         if not jit.is_warm(kernels):
             speech.say(jit.compiling())
+            held.enter_context(_second_compiler(workers))
         # a study may come to kernels of other kinds later
         held.enter_context(announced(speech.say))
         yield
+
+
+def _second_compiler(workers: int) -> AbstractContextManager[None]:
+    """Context in which a second process compiles too, where the user and the machine have two cores for it."""
+    from navsim.compiler import jit
+    from navsim.compiler.second_process import second_process
+    from navsim.runner.machine import available_memory, usable_cores
+
+    def has_room() -> bool:
+        available = available_memory()
+        return available is None or available > _COMPILING_MEMORY
+
+    return second_process(has_room) if jit.keeps() and min(workers, usable_cores()) >= 2 else nullcontext()
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from navsim.landing.ensemble import history_bytes
 from navsim.landing.estimate import extent
 from navsim.runner import machine as having
 from navsim.runner.estimate import Budget, Machine, duration, estimate_text, lacking, size
+from navsim.runner.executor import Executor
 from navsim.scenario.load import read_any
 from navsim.simulation.run import Run
 from tests.conftest import SCENARIOS
@@ -103,6 +104,21 @@ def test_memory_of_the_first_version_of_control_groups(tmp_path: Path) -> None:
     files(groups / "memory/x", memory_DOT_limit_in_bytes="1000000000", memory_DOT_usage_in_bytes="400000000")
     files(groups / "memory", memory_DOT_limit_in_bytes=str(2**63 - 4096), memory_DOT_usage_in_bytes="4")
     assert having.available_memory(proc, groups) == 600_000_000 + OWN
+
+
+def test_cores_are_those_of_the_affinity_and_of_groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(having, "threads", lambda: Executor(4))
+    proc, groups = tmp_path / "proc", tmp_path / "groups"
+    assert having.usable_cores(proc, groups) == 4.0
+    files(proc, self__cgroup="0::/a\n")
+    files(groups / "a", cpu_DOT_max="max 100000\n")
+    assert having.usable_cores(proc, groups) == 4.0
+    files(groups / "a", cpu_DOT_max="150000 100000\n")
+    assert having.usable_cores(proc, groups) == 1.5
+    files(proc, self__cgroup="5:cpu,cpuacct:/x\n")
+    files(groups / "cpu/x", cpu_DOT_cfs_quota_us="-1\n", cpu_DOT_cfs_period_us="100000\n")
+    files(groups / "cpu", cpu_DOT_cfs_quota_us="50000\n", cpu_DOT_cfs_period_us="100000\n")
+    assert having.usable_cores(proc, groups) == 0.5
 
 
 def test_nothing_is_told_by_files_that_are_not_there(tmp_path: Path) -> None:

@@ -1,0 +1,146 @@
+"""The work of the second process (`second_process`): it compiles the pieces of a kernel, the last ones first.
+
+Before a piece is compiled, its types are inferred once from the last statement to the first, which compiles the last
+pieces within it first. The piece itself is then compiled as in any process, so that its code is the same.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import pickle
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from queue import Empty, SimpleQueue
+from threading import Thread
+from typing import Any, BinaryIO
+
+from numba.core import event
+from numba.core.bytecode import FunctionIdentity
+from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import FunctionPass, PassManager, register_pass
+from numba.core.typed_passes import NopythonTypeInference
+from numba.core.typeinfer import ConstraintNetwork
+
+_IDLE_S = 5.0
+"""The process ends after this time without work, s."""
+_FIRST_NUMBER = 1_000_000
+"""Names of functions in machine code contain numbers. With these, no two functions of both processes have one name."""
+
+
+class _Enough(BaseException):
+    """No more of this kernel is needed."""
+
+
+class _Inferred(BaseException):
+    """All types of a function are known."""
+
+
+@register_pass(mutates_CFG=False, analysis_only=True)
+class _End(FunctionPass):
+    """The end of inference."""
+
+    _name = "navsim_end"
+
+    def __init__(self) -> None:
+        """No state; numba asks for the method."""
+
+    def run_pass(self, state: Any) -> bool:
+        raise _Inferred
+
+
+class _Inference(CompilerBase):
+    """Infers types, which compiles the pieces."""
+
+    def define_pipelines(self) -> list[PassManager]:
+        passes = PassManager(_End._name)
+        for build in (DefaultPassBuilder.define_untyped_pipeline, DefaultPassBuilder.define_typed_pipeline):
+            passes.passes += build(self.state).passes
+        last = next(i for i, (made, _) in enumerate(passes.passes) if made is NopythonTypeInference)
+        passes.passes[last + 1 :] = [(_End, _End._name)]
+        passes.finalize()
+        return [passes]
+
+
+class LastFirst(event.Listener):
+    """Compiles the last pieces of a kernel first; `enough` tells whether to stop before the next piece."""
+
+    def __init__(self, enough: Callable[[], bool]) -> None:
+        self._enough = enough
+        self._backwards = False
+        self._usual: list[bool] = []
+
+    @contextmanager
+    def installed(self) -> Iterator[None]:
+        """Context of its work."""
+        network: Any = ConstraintNetwork
+        usual = network.append
+
+        def append(of_function: Any, constraint: Any) -> None:
+            if self._backwards:
+                of_function.constraints.insert(0, constraint)
+            else:
+                usual(of_function, constraint)
+
+        network.append = append
+        try:
+            with event.install_listener("numba:compile", self):
+                yield
+        finally:
+            network.append = usual
+
+    def compile_pieces(self, kernel: Any, arguments: tuple[Any, ...]) -> None:
+        """Compile the pieces of a kernel for arguments of these types."""
+        with suppress(_Enough):
+            kernel.compile(arguments)
+        self._usual.clear()
+        self._backwards = False
+
+    def on_start(self, event: Any) -> None:
+        """A kernel or piece is begun."""
+        self._usual.append(self._backwards)
+        begun = event.data["dispatcher"]
+        if not self._enough() and begun._compiler.pipeline_class is not Compiler:  # numba's own have no pieces
+            self._infer(begun, event.data["args"])
+        if len(self._usual) == 1 or self._enough():
+            raise _Enough
+        self._backwards = False
+
+    def on_end(self, event: Any) -> None:
+        """It is finished."""
+        self._backwards = self._usual.pop()
+
+    def _infer(self, kernel: Any, arguments: tuple[Any, ...]) -> None:
+        self._backwards = True
+        compiler = kernel._compiler
+        usual, compiler.pipeline_class = compiler.pipeline_class, _Inference
+        try:
+            # an error is that of the order: compiling it as usual decides
+            with suppress(Exception, _Inferred):
+                compiler._compile_core(arguments, None)
+        finally:
+            compiler.pipeline_class = usual
+
+
+def _listen(told: BinaryIO, orders: SimpleQueue[bytes]) -> None:
+    """Pass on what the first process tells; end with it."""
+    with suppress(EOFError, OSError):
+        while True:
+            orders.put(pickle.load(told))
+    os._exit(0)
+
+
+def serve() -> None:
+    """Compile pieces of the kernels that standard input names, until nothing more comes."""
+    orders: SimpleQueue[bytes] = SimpleQueue()
+    Thread(target=_listen, args=(sys.stdin.buffer, orders), daemon=True).start()
+    FunctionIdentity._unique_ids = itertools.count(_FIRST_NUMBER)
+    last_first = LastFirst(enough=lambda: not orders.empty())
+    with last_first.installed(), suppress(Empty):
+        while True:
+            order = pickle.loads(orders.get(timeout=_IDLE_S))
+            if order is not None:
+                module, name, arguments = order
+                last_first.compile_pieces(getattr(import_module(module), name), arguments)
