@@ -1,7 +1,7 @@
 """The work of the second process (`second_process`): it compiles the pieces of a kernel, the last ones first.
 
-Before a piece is compiled, its types are inferred once from the last statement to the first, which compiles the last
-pieces within it first. The piece itself is then compiled as in any process, so that its code is the same.
+Before a piece is compiled, its types are inferred once with its calls of kernels in the opposite order, which compiles
+the last pieces within it first. The piece itself is then compiled as in any process, so that its code is the same.
 """
 
 from __future__ import annotations
@@ -13,16 +13,19 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
+from inspect import getclosurevars
 from queue import Empty, SimpleQueue
 from threading import Thread
+from types import ModuleType
 from typing import Any, BinaryIO
 
-from numba.core import event
+from numba.core import event, types
 from numba.core.bytecode import FunctionIdentity
-from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import FunctionPass, PassManager, register_pass
+from numba.core.dispatcher import Dispatcher
 from numba.core.typed_passes import NopythonTypeInference
-from numba.core.typeinfer import ConstraintNetwork
+from numba.core.typeinfer import CallConstraint, ConstraintNetwork
 
 _IDLE_S = 5.0
 """The process ends after this time without work, s."""
@@ -64,6 +67,22 @@ class _Inference(CompilerBase):
         return [passes]
 
 
+def _calls_kernel(constraint: Any, inference: Any) -> bool | None:
+    """Whether a constraint of the inference is a kernel's call; None for a call of a function that is not known yet."""
+    if type(constraint) is not CallConstraint:
+        return False
+    called = inference.typevars[constraint.func]
+    return isinstance(called.type, types.Dispatcher) if called.defined else None
+
+
+def _has_pieces(function: Callable[..., Any]) -> bool:
+    """Whether a function may call several kernels; those of one need no order."""
+    named = getclosurevars(function)
+    seen = [*named.nonlocals.values(), *named.globals.values()]
+    kernels = sum(isinstance(value, Dispatcher) for value in seen)
+    return kernels > 1 or any(isinstance(value, ModuleType) and value.__name__.startswith("navsim") for value in seen)
+
+
 class LastFirst(event.Listener):
     """Compiles the last pieces of a kernel first; `enough` tells whether to stop before the next piece."""
 
@@ -76,20 +95,28 @@ class LastFirst(event.Listener):
     def installed(self) -> Iterator[None]:
         """Context of its work."""
         network: Any = ConstraintNetwork
-        usual = network.append
+        usual = network.propagate
 
-        def append(of_function: Any, constraint: Any) -> None:
-            if self._backwards:
-                of_function.constraints.insert(0, constraint)
-            else:
-                usual(of_function, constraint)
+        def propagate(of_function: Any, inference: Any) -> Any:
+            if not self._backwards:
+                return usual(of_function, inference)
+            every = of_function.constraints
+            known = None
+            try:
+                while known != (known := inference.get_state_token()):
+                    of_function.constraints = [one for one in every if _calls_kernel(one, inference) is False]
+                    errors = usual(of_function, inference)
+                of_function.constraints = [one for one in reversed(every) if _calls_kernel(one, inference)]
+                return errors + usual(of_function, inference)
+            finally:
+                of_function.constraints = every
 
-        network.append = append
+        network.propagate = propagate
         try:
             with event.install_listener("numba:compile", self):
                 yield
         finally:
-            network.append = usual
+            network.propagate = usual
 
     def compile_pieces(self, kernel: Any, arguments: tuple[Any, ...]) -> None:
         """Compile the pieces of a kernel for arguments of these types."""
@@ -100,11 +127,12 @@ class LastFirst(event.Listener):
 
     def on_start(self, event: Any) -> None:
         """A kernel or piece is begun."""
+        outermost = not self._usual
         self._usual.append(self._backwards)
         begun = event.data["dispatcher"]
-        if not self._enough() and begun._compiler.pipeline_class is not Compiler:  # numba's own have no pieces
+        if not self._enough() and (outermost or _has_pieces(begun.py_func)):
             self._infer(begun, event.data["args"])
-        if len(self._usual) == 1 or self._enough():
+        if outermost or self._enough():
             raise _Enough
         self._backwards = False
 
