@@ -33,7 +33,7 @@ _FIRST_NUMBER = 1_000_000
 """Names of functions in machine code contain numbers. With these, no two functions of both processes have one name."""
 
 
-class _Enough(BaseException):
+class _Superseded(BaseException):
     """No more of this kernel is needed."""
 
 
@@ -120,7 +120,7 @@ class LastFirst(event.Listener):
 
     def compile_pieces(self, kernel: Any, arguments: tuple[Any, ...]) -> None:
         """Compile the pieces of a kernel for arguments of these types."""
-        with suppress(_Enough):
+        with suppress(_Superseded):
             kernel.compile(arguments)
         self._usual.clear()
         self._backwards = False
@@ -133,7 +133,7 @@ class LastFirst(event.Listener):
         if not self._enough() and (outermost or _has_pieces(begun.py_func)):
             self._infer(begun, event.data["args"])
         if outermost or self._enough():
-            raise _Enough
+            raise _Superseded
         self._backwards = False
 
     def on_end(self, event: Any) -> None:
