@@ -219,7 +219,8 @@ def build_model(scenario: RecordedRanges, log: RangeLog) -> RangeModel:
     if two_way:
         names += ["wandering error of all"]
     first_smoothed = len(names)
-    if not two_way and scenario.bias.smoothing_s != 0.0:
+    wander = scenario.bias.wander
+    if not two_way and scenario.bias.smoothing_s != 0.0 and (wander is None or wander.sigma_m > 0.0):
         names += [f"smoothed error {name}" for name in sources]
     units += ["m"] * (len(names) - first_markov)
     row = np.zeros((log.time.size, len(names)))

@@ -280,6 +280,9 @@ def test_tuning_finds_the_noise_and_stays_within_bounds() -> None:
     assert all(one.low <= settings[name] <= one.high for name, one in SETTINGS.items() if name in model.free)
     before, after = (filter_pass(model, s, start, lines).likelihood for s in (model.settings(), settings))
     assert after > before + 10.0
+    without = model_of(time, source, ranges, "bias: {wander: {sigma_m: 0, correlation_time_s: 1}}\n", ONE_WAY)
+    assert without.smoothed == 0  # nothing to smooth
+    assert "smoothing_time" not in without.free
     given = model_of(time, source, ranges, "motion: {noise: [0.5, 0.1]}\noutliers: {share: 0.01}\n")
     assert not {"horizontal_noise", "outlier_share"} & set(given.free)
 
