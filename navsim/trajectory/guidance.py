@@ -77,7 +77,9 @@ def steered(
     if displaced is not None and len(displaced):
         # what the autopilot has flown and an error that is smaller by the displacement: the same estimate
         row = np.searchsorted(first, np.arange(len(way)), side="right") - 1
-        error = np.where((row >= 0)[:, None, None, None], error[row], 0.0) - displaced
+        error = error[row]
+        error[row < 0] = 0.0
+        error -= displaced
         first = np.arange(len(way))
     steer(
         step, first, in_lanes(error), slope, gain, limits, rates, transition, drive,

@@ -17,7 +17,7 @@ UNGUARDED: set[str] = set()
 """Scripts whose pages were made before pages had probes. Each takes minutes of processor time:
 `make validate` makes the pages anew."""
 
-EARLIER: set[str] = {"rare_totals"}
+EARLIER: set[str] = set()
 """Scripts whose pages say that they are of an earlier filter or response to gusts. Strike them out when they are made
 anew."""
 NOTE = "Computed with an earlier version"
