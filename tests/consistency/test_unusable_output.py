@@ -82,7 +82,7 @@ def test_half_a_second_of_wild_fixes_does_no_damage(kind: str, tmp_path: Path) -
     assert told(result, "rejected_fixes") == ("2 of 197 fixes were rejected by the innovation gate, at 50.1 to 50.6 s")
     assert int(result["/summary/count/rejected"]) == 2
     # the table says which rows leave them out, and has one that does not
-    (table, *_) = tables(result)
+    _, table, *_ = tables(result)
     assert isinstance(table, Table)
     assert [str(row.cells[0]) for row in table.rows] == ["accepted", "accepted, moving", "all, with rejected"]
     accepted, _, every = (row.cells[1].values for row in table.rows)

@@ -207,7 +207,8 @@ def test_sentences_are_the_fixes_of_the_replay(flight: Flight, tmp_path: Path) -
     told = imported(path, "-o", tmp_path / "out")
     assert "no sentence has a date" in told.stdout
     assert "warning: " in told.stderr
-    assert "no inertial samples, so there is no log.yaml" in told.stderr
+    assert "no inertial samples (1 corrupt NMEA" in told.stderr
+    assert "so there is no log.yaml" in told.stderr
     assert not (tmp_path / "out/log.yaml").exists()
     found, expected = read_fixes(tmp_path / "out/gnss.csv")[0], read_fixes(path)[0]
     np.testing.assert_allclose(found.llh, expected.llh, atol=1e-9)
