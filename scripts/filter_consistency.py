@@ -569,8 +569,9 @@ def results(rows: Sequence[Row]) -> list[str]:
         if round(best.departure, 2) < round(row.departure, 2):
             better.append((row.case, f"`{best.kind}`: {best.departure:.2f} against {row.departure:.2f}"))
     return [
-        f"**Heading** at {CORNER:g} s, before the turn; from the second column on of `landing`. Straight flight does",
-        "not show heading, so errors should equal those without fixes.",
+        f"**Heading** at {CORNER:g} s, before the turn. The first column of figures is over the shipped scenarios, all "
+        "others are of",
+        "`landing`. Straight flight does not show heading, so errors should equal those without fixes.",
         "",
         *kinds,
         "",

@@ -186,10 +186,22 @@ def percent(of_outputs: np.ndarray) -> str:
     return f"{mean.mean():.2f} ± {mean.std() / np.sqrt(mean.size):.2f}"
 
 
+def excess(of_outputs: np.ndarray) -> float:
+    """What a printed share (%) has beyond the nominal one; 0 where it is below twice its sampling error."""
+    mean, error = map(float, percent(of_outputs).split(" ± "))
+    return mean - NOMINAL if mean - NOMINAL > 2.0 * error else 0.0
+
+
+def explained(found: Judged) -> str:
+    """Part of the excess over the nominal share that is predicted, %, by the printed digits."""
+    more = excess(found.beyond)
+    return f"{100.0 * (float(percent(found.predicted).split()[0]) - NOMINAL) / more:.0f}" if more else "-"
+
+
 HEAD = (
-    "| case | runs | predicted, % | observed, % | beyond own, % | several: predicted | observed | beyond own "
-    "| one: observed | beyond own | heading > 6 σ |",
-    f"|{'---|' * 11}",
+    "| case | runs | predicted, % | observed, % | explained, % | beyond own, % | several: predicted | observed "
+    "| beyond own | one: observed | beyond own | heading > 6 σ |",
+    f"|{'---|' * 12}",
 )
 
 
@@ -209,21 +221,23 @@ def cells(label: str, found: Judged) -> list[str]:
     several = (found.components > 1.0).mean(axis=1) > 0.5
     far = f"{SAMPLES * found.far.sum():.0f} of {SAMPLES * found.far.size / 1e6:.0f} million"
     every, mixed, single = ([percent(share[at]) for share in shares] for at in (slice(None), several, ~several))
-    return [label, str(found.nees.shape[1]), *every, *mixed, *single[1:], far]
+    return [label, str(found.nees.shape[1]), *every[:2], explained(found), every[2], *mixed, *single[1:], far]
 
 
-def results(found: Sequence[Judged]) -> list[str]:
+def results(labels: Sequence[str], found: Sequence[Judged]) -> list[str]:
     """What the rows come to."""
     predicted, observed = (
         100.0 * np.array([m.mean() for m in each])
         for each in zip(*((one.predicted, one.beyond) for one in found), strict=True)
     )
-    explained = 100.0 * (predicted - NOMINAL) / (observed - NOMINAL)
+    parts = [int(part) for part in map(explained, found) if part != "-"]
+    own = ", ".join(f"`{label}`" for label, one in zip(labels, found, strict=True) if excess(one.beyond_own))
     return [
         f"The mixture predicts {predicted.min():.2f} to {predicted.max():.2f} %, runs show {observed.min():.2f} to "
-        f"{observed.max():.2f} %. So it explains",
-        f"{explained.min():.0f} to {explained.max():.0f} % of the excess over {NOMINAL} %. The rest is chance, or an "
-        "error of unknown cause.",
+        f"{observed.max():.2f} %. Where their excess over {NOMINAL} % is",
+        f"beyond chance (2 sigma), the mixture explains {consistency.span(parts)} % of it. The cause of the rest is "
+        "unknown.",
+        f"Errors beyond their own mixture are too frequent by more than chance in: {own or 'no case'}.",
         "",
     ]
 
@@ -233,7 +247,7 @@ INTRODUCTION = """# Large errors of the default filter, and its mixture
 NEES judges an error by one mean and covariance. The default filter's density is a [mixture](theory/gaussian-sum.md).
 If the mixture is the posterior, its samples exceed the 99.9 % limit of NEES as often as the errors do.
 
-The times are those of [consistency](filter-consistency.md), its runs the first ones there.
+The times are those of [consistency](filter-consistency.md), its runs the first ones there (at most 12 more).
 
 """
 COLUMNS = f"""
@@ -241,6 +255,7 @@ COLUMNS = f"""
 |---|---|
 | predicted | share of {SAMPLES} samples of each mixture beyond the 99.9 % limit of NEES |
 | observed | share of the errors beyond it, same runs and times |
+| explained | predicted part of the excess over {NOMINAL} %, by the printed digits; - where that is below twice its ± |
 | beyond own | share of the errors whose NEES exceeds that of all samples; 0.1 % if the mixture is exact |
 | several, one | times at which most runs have several components, or one, as after a turn |
 | heading > 6 σ | samples with a heading error beyond {consistency.FAR:g} σ |
@@ -269,8 +284,8 @@ def main() -> None:
     labels = options.cases or list(RUNS)
     every = [flown(label, options.runs or RUNS[label]) for label in labels]
     rows = [measured.row(*cells(label, found)) for label, found in zip(labels, every, strict=True)]
-    lines = [*INTRODUCTION.splitlines(), *results(every), *HEAD, *rows, *COLUMNS.splitlines()]
     if whole:
+        lines = [*INTRODUCTION.splitlines(), *results(labels, every), *HEAD, *rows, *COLUMNS.splitlines()]
         PAGE.write(lines, begun)
     else:
         sys.stdout.write("\n".join([*HEAD, *rows, ""]))

@@ -27,6 +27,17 @@ def test_samples_exceed_a_limit_as_the_mixture_does() -> None:
     assert abs((np.abs(truth) > limit).mean() - expected) < 4.0 * np.sqrt(expected / samples)
 
 
+def test_an_excess_by_chance_is_not_explained() -> None:
+    """Of 10 000 runs 40 are beyond the limit, 25 are predicted: half of the excess. Of 100 runs one is, by chance."""
+
+    def found(runs: int, beyond: int) -> Any:
+        nees, predicted = np.where(np.arange(runs) < beyond, 1e3, 0.0)[None], np.full((1, runs), 0.0025)
+        return tails.Judged(nees, *[predicted] * 5)
+
+    assert tails.explained(found(10_000, 40)) == "50"
+    assert tails.explained(found(100, 1)) == "-"
+
+
 @pytest.mark.long
 def test_outputs_are_those_of_the_runs_and_samples_have_their_moments() -> None:
     """NEES of samples has the mean of chi-square; in another chart it would be 9 % larger at 20 s."""
