@@ -79,12 +79,14 @@ class SubfilterMonitor(LandingMonitor, Protocol):
 
 @dataclass(frozen=True)
 class ExpectedFault:
-    """Sources that fail together, by name, with the probability that they have; see `separation.Fault`."""
+    """Sources that fail together, by name, with the probability that they have; see `araim.Fault`."""
 
     name: str
     sources: tuple[str, ...]
     prior: float
     of: tuple[int, ...] = ()
+    key: str = ""
+    """Key of `integrity` that sets its probability; empty for coincidences."""
 
 
 @dataclass(frozen=True)

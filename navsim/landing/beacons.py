@@ -267,7 +267,7 @@ def _flat(geometry: BeaconGeometry, glide: np.ndarray) -> str:
     vdop, plane = geometry.dop[glide, 2], plane_of(ecef_from_llh(geometry.llh))
     many = f"{np.sum(vdop > FLAT_VDOP)} of {np.sum(np.isfinite(vdop))} fix epochs"
     flat = (
-        f"nearly in one plane, {plane.thickness:.1f} m thick, {plane.width:.0f} m wide, 1 sigma"
+        f"nearly in one plane: RMS distance {plane.thickness:.1f} m from it, {plane.width:.0f} m along its shorter axis"
         if plane.is_flat
         else "badly placed for it"
     )
@@ -280,8 +280,8 @@ def _flat(geometry: BeaconGeometry, glide: np.ndarray) -> str:
             for h, when, fit in zip(height, ("begins", "ends"), fits, strict=True)
             if fit
         ]
-        text += (f", and a mirror solution {' and '.join(places)} fits them within {residual[fits].max():.2f} m, which "
-                 "counts if the filter starts from them alone")  # fmt: skip
+        text += (f". A mirror solution {' and '.join(places)} fits them within {residual[fits].max():.2f} m; it counts "
+                 "only if the filter starts from them alone")  # fmt: skip
     east, north, up = np.moveaxis(geometry.away[glide], -1, 0)
     under = (-up > np.hypot(east, north)).any()  # seen below 45 degrees: one stands there already
     return (f"{text}. Judge the layout by the filter's sigma; if it is too large, put one much higher, "

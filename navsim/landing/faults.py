@@ -39,15 +39,26 @@ def watching(scenario: Landing, sources: SignalScenario) -> Monitoring | None:
             test, (), nominal, section.sigma_ratio_acc, section.exclusion, drops, innovations,
             station=_station(scenario, sources),
         )  # fmt: skip
-    faults = [ExpectedFault(name, (name,), section.p_satellite) for members in systems.values() for name in members]
-    faults += [ExpectedFault(name, (name,), transmitter_prior(section.p_pseudolite)) for name in names]
-    faults += [ExpectedFault(name, (name,), transmitter_prior(section.p_beacon)) for name in beacons]
-    faults += [ExpectedFault(name, (name,), transmitter_prior(section.p_station)) for name in stations]
+    faults = [
+        ExpectedFault(name, (name,), section.p_satellite, key="p_satellite")
+        for members in systems.values()
+        for name in members
+    ]
     faults += [
-        ExpectedFault(system, members, section.p_constellations.get(system, section.p_constellation))
+        ExpectedFault(name, (name,), transmitter_prior(section.p_pseudolite), key="p_pseudolite") for name in names
+    ]
+    faults += [ExpectedFault(name, (name,), transmitter_prior(section.p_beacon), key="p_beacon") for name in beacons]
+    faults += [ExpectedFault(name, (name,), transmitter_prior(section.p_station), key="p_station") for name in stations]
+    faults += [
+        ExpectedFault(
+            system, members, section.p_constellations.get(system, section.p_constellation), key="p_constellations"
+        )
         for system, members in systems.items()
     ]
-    faults += [ExpectedFault("+".join(g.members), g.members, g.prior) for g in _groups(section, names, beacons)]
+    faults += [
+        ExpectedFault("+".join(g.members), g.members, g.prior, key="ground_groups")
+        for g in _groups(section, names, beacons)
+    ]
     return Monitoring(
         Allocation(
             section.p_hmi_v, section.p_hmi_h, section.p_fa_v, section.p_fa_h, section.p_unmonitored_max,

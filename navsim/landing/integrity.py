@@ -34,6 +34,7 @@ from navsim.integrity.monitoring import (
 from navsim.landing.case import Case, times_at_heights
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding
+from navsim.results.notes import Note
 from navsim.results.schema import COVARIANCE
 from navsim.runner.batches import Ensemble
 from navsim.runner.checkpoint import Arrays
@@ -551,10 +552,15 @@ def _by_inertial_sensors(case: Case, glide: np.ndarray) -> list[str]:
             f"integrity: no signal at {silent.sum()} of {glide.sum()} epochs of the glide: an alert, and no "
             "level counts there"
         ]
-    text = _named(case, (bank.found.monitored & bank.idle)[:, glide].any(axis=1))
-    if not text:
+    which = (bank.found.monitored & bank.idle)[:, glide].any(axis=1)
+    if not which.any():
         return []
+    faults = case.flight.expected
+    keys = dict.fromkeys(faults[j].key for i in np.flatnonzero(which) for j in faults[i].of or (i,))
     return [
-        f"integrity: without {text} there is no fix, the filter then relies on its inertial sensors, and the levels "
-        "grow; p_constellations sets a probability for each system"
+        Note(
+            f"integrity: without {_named(case, which)} the filter relies on its inertial sensors, and the levels grow. "
+            f"These probabilities are set by {', '.join(f'integrity.{key}' for key in keys)}",
+            "levels_by_inertial_sensors",
+        )
     ]

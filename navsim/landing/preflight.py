@@ -562,8 +562,8 @@ def _without_fix(
     received = f"at most {several(many, 'source')} received" if many else "no source is received"
     what, needs = ("range", "") if tight else ("fix", ". A fix needs four, and one more for each further clock")
     return [
-        f"no {what} at {short.sum()} of {short.size} fix epochs, the first at {time[0]:.1f} s: {received}{needs}; "
-        f"{'; '.join(causes)}"
+        f"{short.sum()} of {short.size} epochs without a {what}: too few usable sources, the first at {time[0]:.1f} s: "
+        f"{received}{needs}; {'; '.join(causes)}"
     ]
 
 

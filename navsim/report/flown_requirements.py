@@ -21,10 +21,11 @@ def flown_requirements(result: Result, title: str, columns: Sequence[str]) -> li
         return []
     found_by = "by runs (verdict: value [95 %], by control variates where narrower)"
     out = Table(f"{title}, {found_by}", ("requirement", *columns))
+    limits = result[f"{_BRANCH}/limit"]
     for k, statement in enumerate(result[f"{_BRANCH}/statement"]):
         found = (result[f"{_BRANCH}/{name}"][:, k] for name in ("verdict", "value", "more_runs"))
         cells = (
-            verdict_cell(str(statement), str(word), value, float(more)) if word else ABSENT
+            verdict_cell(str(statement), str(word), value, float(more), float(limits[k])) if word else ABSENT
             for word, value, more in zip(*found, strict=True)
         )
         out.add(str(statement), *cells)

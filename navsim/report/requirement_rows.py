@@ -12,6 +12,7 @@ from navsim.report.consistency_rows import VERDICT, state_verdict
 from navsim.report.result_cells import setting, single
 from navsim.report.table import ABSENT, Cell, Table, cell
 from navsim.results.result import Result
+from navsim.results.schema import VERDICTS
 
 _MONITORED = {
     "level", "emt", "accuracy", "availability", "approaches", "continuity", "misleading", "time_to_alert",
@@ -47,7 +48,7 @@ def _found(result: Result) -> str:
     """What the cells of a result's verdicts contain. Covariance analysis has neither intervals nor runs."""
     if str(result.attributes["method"]) == "covariance":
         return "verdict: value"
-    return f"verdict: value{'' if single(result) else ' [95 %]'}; further runs that would decide"
+    return f"verdict: value{'' if single(result) else ' [95 %]'}; for a new study: more runs: verdict"
 
 
 def verdicts(results: Sequence[tuple[str, Result]]) -> list[Table | str]:
@@ -71,9 +72,10 @@ def _verdict(result: Result, statement: str, of: str = "") -> Cell | str:
     if not word:
         return ABSENT
     more = float("nan") if of else float(result[f"{branch}/more_runs"][i])
-    out = verdict_cell(statement, word, interval, more, single(result), str(result.attributes["method"]))
+    limit, method = float(result[f"{branch}/limit"][i]), str(result.attributes["method"])
+    out = verdict_cell(statement, word, interval, more, limit, single(result), method)
     how = ""
-    if str(result.attributes["method"]) == "covariance" and np.isfinite(interval[0]):
+    if method == "covariance" and np.isfinite(interval[0]):
         how = ", by analysis"
     elif not of and f"{branch}/plain_verdict" in result and str(result[f"{branch}/plain_verdict"][i]):
         how = ", by control variates"
@@ -81,12 +83,13 @@ def _verdict(result: Result, statement: str, of: str = "") -> Cell | str:
 
 
 def verdict_cell(
-    statement: str, word: str, interval: np.ndarray, more: float, one_run: bool = False, method: str = ""
+    statement: str, word: str, interval: np.ndarray, more: float, limit: float, one_run: bool = False, method: str = ""
 ) -> Cell:
     """A verdict on a requirement with the value and its interval (3,), and the number of runs that would decide it.
 
-    Shares are in per cent, as in the statement of the requirement. method: of the result. Runs evaluate every
-    requirement, unless no run or epoch of theirs counts for it.
+    limit: required; a lower limit of a share in the statement, an upper one of everything else. Shares are in per cent,
+    as in the statement of the requirement. method: of the result. Runs evaluate every requirement, unless no run or
+    epoch of theirs counts for it.
     """
     share = SHARE.search(statement)
     value, low, high = (100.0 * float(x) if share else float(x) for x in interval)
@@ -94,7 +97,9 @@ def verdict_cell(
         why = "no run or epoch counts" if method == "monte-carlo" else "not evaluated by this method"
         return cell(f"{{}}: {why}", word)
     number = f"{more:.2g}".replace("e+0", "e") if more >= 1e5 else f"{more:.0f}"
-    enough = f"; {number} more run{'' if number == '1' else 's'}" if np.isfinite(more) else ""
+    met = interval[0] >= limit if share else interval[0] <= limit
+    then = VERDICTS[-1] if met else VERDICTS[0]
+    enough = f"; {number} more run{'' if number == '1' else 's'}: {then}" if np.isfinite(more) else ""
     digits = f"share {share[1]}" if share else ".4g"
     what = "landings" if share and share[2] == "runs" and method == "covariance" else share and share[2]
     shown = f"{{}}: {{:{digits}}}" + (f" % of {what}" if share else "")

@@ -261,7 +261,8 @@ def raise_on_failure(finished: Finished, demands: ExitRequirements) -> None:
     if not wrong:
         return
     if not finished.failed:
-        wrong[-1] += f" ({finished.target} is complete)"
+        whole, many = f"{finished.target} is complete", len(wrong)
+        wrong = [f"{wrong[0]} ({whole})"] if many == 1 else [*wrong, f"{many} conditions are violated; {whole}"]
     error = RunFailed(as_problems(*wrong))
     error.path = finished.target
     raise error

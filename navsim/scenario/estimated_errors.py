@@ -63,8 +63,8 @@ def check_correlated(landing: Landing) -> None:
         text = "after an exclusion fixes have other errors than those that the states follow; use inflate"
         raise reject(text, "filter", "fix_errors")
     if watched and not (landing.filter.tight and about_correlated_errors(landing) == "inflate"):
-        text = "levels of the filter treat errors of fixes as independent in time; use mhss"
-        also = ", or `coupling: tight` with `fix_errors: inflate`"
+        text = "levels of the filter treat errors of fixes as independent in time; use `filter.coupling: tight` with "
+        also = "`filter.fix_errors: inflate`, or `integrity.method: mhss`, which judges fixes alone"
         raise reject(text + also, "integrity", "method")
 
 

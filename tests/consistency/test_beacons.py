@@ -10,8 +10,9 @@ from scipy.stats import chi2
 
 from navsim.compiler.lanes import WIDTH
 from navsim.integrity.monitoring import ALARM, EXCLUDED, QUIET
-from navsim.landing.integrity import tally
+from navsim.landing.integrity import level_warnings, tally
 from navsim.landing.study import covariance_analysis, fly_all
+from navsim.results.notes import labelled
 from navsim.runner.executor import threads
 from navsim.simulation.landing import draw, fly_inputs
 from tests.consistency.test_watched_filters import AXES, bank_of, differences
@@ -211,6 +212,8 @@ def test_a_faulty_beacon_is_an_alarm_and_stays_within_the_level() -> None:
         squares = np.nansum(run.innovation_squared[:, fixes], axis=1) + run.aided_squared[:, since].sum(axis=1)
         degrees = run.degrees[0, fixes].sum() + run.aided_degrees[0, since].sum()
         np.testing.assert_allclose(run.innovation_ratio[:, e], squares / chi2.isf(1e-5, degrees), rtol=1e-9)
+    (said,) = level_warnings(flown)
+    assert labelled(said).endswith("by integrity.ground_groups, integrity.p_beacon [levels_by_inertial_sensors]")
     alone = flown.flight.bank.found.spread.separate_sigma[-1]
     assert levels[-1, 0] > 5.0 * alone[-1, 0] > 0.0
 

@@ -8,12 +8,14 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from navsim.cli.common import called, nearest_rows
 from navsim.report import table
 from navsim.report.compare import _widened
+from navsim.report.requirement_rows import verdict_cell
 from navsim.report.table import (
     TIDY,
     Cell,
@@ -60,10 +62,21 @@ def test_numbers_are_kept_and_said(shown: Cell, text: str) -> None:
     ("percent", "required", "text"),
     [(58.43, 95.0, "58.4"), (98.171, 95.0, "98.2"), (99.9877, 95.0, "99.988"), (99.999422, 95.0, "> 99.99"),
      (100.0, 95.0, "100"), (0.0, 95.0, "0"), (3e-7, 95.0, "< 0.01"), (0.0412, 95.0, "0.0412"),
+     (95.006, 95.0, "95.01"), (94.998, 95.0, "94.998"), (95.0, 95.0, "95"),
      (99.99942, 99.999, "99.99942"), (99.999942, 99.999, "> 99.9999")],
 )  # fmt: skip
 def test_shares_are_shown_as_far_as_a_requirement_needs(percent: float, required: float, text: str) -> None:
     assert str(Cell(f"{{:share {required:g}}}", (percent,))) == text
+
+
+@pytest.mark.parametrize(
+    ("statement", "value", "limit", "then"),
+    [("below 1 m in 95 % of runs", 0.986, 0.95, "met"), ("below 1 m in 95 % of runs", 0.93, 0.95, "not met"),
+     ("RMS error below 0.2 m", 0.19, 0.2, "met"), ("RMS error below 0.2 m", 0.21, 0.2, "not met")],
+)  # fmt: skip
+def test_more_runs_are_shown_with_their_verdict(statement: str, value: float, limit: float, then: str) -> None:
+    shown = verdict_cell(statement, "undecided", np.array([value, 0.5 * value, 1.0]), 70.0, limit)
+    assert str(shown).endswith(f"; 70 more runs: {then}")
 
 
 def made() -> Table:
