@@ -55,7 +55,8 @@ class ReplayOptions:
             metavar="SECONDS|FILE",
             help="Predict innovations and drifts from the part up to this time, and compare them with the rest. The "
             "prediction, bands of 50 and 95 %, goes with its checksum to <result stem>_bet.json before the rest is "
-            "used. FILE: such a prediction, to be tested on this recording. The result is <log stem>_bet.h5.",
+            "used. FILE: such a prediction, to be tested on this recording. The result is <log stem>_bet.h5. A failed "
+            "prediction is a warning, and with --require-consistent exit status 3. Example: --bet 70.",
             show_default=False,
         ),
     ] = None

@@ -60,7 +60,8 @@ def read_imu(
     Raises FileError with the line; OSError if the file cannot be read.
     """
     dropped = Dropped(lenient)
-    table, lines = _columns(TextTable.of(path, read_lines(path, dropped)), IMU_COLUMNS, (), dropped, convention.columns)
+    there = TextTable.of(path, read_lines(path, dropped))
+    table, lines = _columns(there, IMU_COLUMNS, (), dropped, convention.columns, "imu")
     table[:, 0] *= conventions.TIME_UNITS[convention.time_unit]
     for first, axes, factor in (
         (1, convention.gyro_axes, conventions.GYRO_UNITS[convention.gyro_unit]),
@@ -118,7 +119,7 @@ def read_fixes(
     else:
         effects, due = convention.effects, len(GNSS_COLUMNS)
         wanted = (*GNSS_COLUMNS, *effects)
-        table, numbers = _columns(TextTable.of(path, lines), wanted, GNSS_OPTIONAL, dropped, convention.columns)
+        table, numbers = _columns(TextTable.of(path, lines), wanted, GNSS_OPTIONAL, dropped, convention.columns, "gnss")
         table = np.hstack([table[:, :due], table[:, due + len(effects) :], table[:, due : due + len(effects)]])
         table[:, 0] *= conventions.TIME_UNITS[convention.time_unit]
         signs = np.array(conventions.POSITION_AXES[convention.position_axes])
@@ -252,7 +253,12 @@ def read_headings(
     """
     dropped = Dropped(lenient)
     table, numbers = _columns(
-        TextTable.of(path, read_lines(path, dropped)), HEADING_COLUMNS[:2], HEADING_COLUMNS[2:], dropped, columns
+        TextTable.of(path, read_lines(path, dropped)),
+        HEADING_COLUMNS[:2],
+        HEADING_COLUMNS[2:],
+        dropped,
+        columns,
+        "heading",
     )
     table[:, 0] *= conventions.TIME_UNITS[time_unit]
     limits = (_GNSS_LIMITS[0], (-360.0, 360.0), (1e-6, 180.0))
@@ -275,13 +281,27 @@ def _far(a: np.ndarray, b: np.ndarray) -> bool:
 
 
 def _columns(
-    table: TextTable, wanted: tuple[str, ...], optional: tuple[str, ...], dropped: Dropped, columns: Mapping[str, str]
+    table: TextTable,
+    wanted: tuple[str, ...],
+    optional: tuple[str, ...],
+    dropped: Dropped,
+    columns: Mapping[str, str],
+    section: str = "",
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Columns of a table as of `TextTable.read`; columns: those of them that have another name in the file."""
+    """Columns of a table as of `TextTable.read`; columns: those of them that have another name in the file. section: of
+    the log, whose key `columns` gives other names."""
+    ours = wanted
     wanted, optional, may_be_empty = (
         tuple(columns.get(name, name) for name in names) for names in (wanted, optional, _MAY_BE_EMPTY)
     )
-    return table.read(wanted, optional, may_be_empty, dropped)
+    try:
+        return table.read(wanted, optional, may_be_empty, dropped)
+    except FileError as error:
+        missing = [name for name, there in zip(ours, wanted, strict=True) if table.find(there) is None]
+        if not section or not missing:
+            raise
+        cure = f"write the file's names: `{section}: {{columns: {{{missing[0]}: NAME, ...}}}}`"
+        raise FileError(error.line, f"{error.message}; {cure}", error.path) from None
 
 
 def _limited(

@@ -56,13 +56,33 @@ def examine(log: Log) -> Diagnosis:
     more, log = interpretations(log, unseen)
     found += more
     apart = overlap(log)
+    if apart and not found:
+        apart = [_by_motion(apart[0], log)]
     if apart or any(not mistake.remedies for mistake in found):
         return Diagnosis(found + apart, [*unseen, f"{OF_SENSORS}: correct the other mistakes first"])
     more, log = motion(log, unseen)
     return Diagnosis(found + without_mirrors(more, log), unseen)
 
 
+def _by_motion(apart: Mistake, log: Log) -> Mistake:
+    """The mistake of files with no common time, with the offset that the motion shows, nearest to that of files which
+    begin together; as it is where the motion shows none, or another mistake."""
+    shift = apart.remedies[0]["gnss.time_offset_s"]
+    fixes = replace(log.fixes, time=log.fixes.time + shift - log.gnss.time_offset)
+    latency = ORDINARY_LATENCY if log.latency is None else log.latency  # else it would explain a second
+    meeting = replace(log, fixes=fixes, gnss=replace(log.gnss, time_offset=shift), latency=latency)
+    more, _ = motion(meeting, [])
+    by_clock = [each for mistake in more for each in mistake.remedies if set(each) == {"gnss.time_offset_s"}]
+    if len(more) != 1 or not by_clock:
+        return apart
+    nearest = min(by_clock, key=lambda each: abs(each["gnss.time_offset_s"] - shift))  # a way may repeat itself
+    seems = "their clocks differ; if both files begin at about the same moment, the motion shows by how much"
+    return replace(apart, seems=seems, remedies=(nearest,))
+
+
+ORDINARY_LATENCY = 0.1
+"""Latency of an ordinary receiver, s."""
 NEVER_JUDGED = (
     "scale factors of the sensors, datum of the heights (ellipsoid or mean sea level): no check exists; lever arm: "
-    "only the tuning checks it"
+    "only the tuning checks it, and it never tells errors below 0.5 m"
 )

@@ -46,6 +46,8 @@ OFFSETS = 40.0
 """Largest offset between the clocks that is looked for, s: GPS time is 18 s from UTC, TAI 37 s."""
 USUAL_OFFSET = (-2.1, 0.4)
 """Times of samples less those of fixes, s, that the latency of a receiver explains."""
+LEAP = "the likeliest, since GPS time is 18 s from UTC"
+"""Words on an offset that is more likely than others."""
 USUAL_LATENCY = 0.5
 """Latency that a receiver without a radio link has at most, s."""
 LEAST_WINDOWS, LARGEST_SHARE = 2, 0.7
@@ -343,7 +345,7 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     alike: dict[str, _Explanation] = {}
     for e in alternatives:
         alike.setdefault("imu.axes" if "imu.axes" in e.remedy else f"{e.remedy} {e.seems}", e)
-    unique = sorted(alike.values(), key=lambda e: (not _of_usual_latency(e), e.square))[:3]
+    unique = sorted(alike.values(), key=lambda e: (not _of_usual_latency(e), LEAP not in e.seems, e.square))[:3]
     evidence = _evidence(home, float(levels[0]), unique[0])
     remedies = tuple(e.remedy for e in unique if not (log.sentences and e.fit.hypothesis.reading))
     mistake = Mistake(evidence, " or ".join(e.seems for e in unique), remedies, "gnss")
@@ -432,7 +434,7 @@ def _of_times(log: Log, offset: float) -> list[tuple[str, float, str]]:
     apart = offset + (log.latency or 0.0)
     whole = round(apart)
     shift = float(whole) if abs(apart - whole) < 0.35 else round(apart, 1)
-    leap = ": GPS time is 18 s from UTC" if abs(shift) == 18.0 else ""
+    leap = f" ({LEAP})" if abs(shift) == 18.0 else ""
     text = f"the times of the fixes seem to be {-shift:+g} s off those of the samples{leap}"
     clocks = ("gnss.time_offset_s", log.gnss.time_offset + shift, text)
     low, high = USUAL_OFFSET

@@ -88,7 +88,7 @@ def overlap(log: Log) -> list[Mistake]:
         Mistake(
             f"the recordings have no common time: samples {samples[0]:.1f} to {samples[-1]:.1f} s, fixes "
             f"{fixes[0]:.1f} to {fixes[-1]:.1f} s",
-            "their clocks do not start together; if both files begin at the same moment",
+            "their clocks differ; if both files begin within half a second of each other, this is by how much",
             ({"gnss.time_offset_s": shift},),
         )
     ]

@@ -67,7 +67,9 @@ def findings(
             rejected, weighed = int(np.sum(own.status == REJECTED)), int(np.sum(own.status != NOT_USED))
             out += rejected_of(aid.name, rejected, weighed, recording.scenario.filter.gate.probability)
     tied = _tied(result)
-    return out + _inconsistent(result, of_positions=not tied) + tied + failed_prediction(result)
+    untuned = recording.scenario.tuning == "none" and "/summary/bet_verdict" not in result
+    calm = _too_calm(result) if untuned else []
+    return out + _inconsistent(result, of_positions=not tied) + tied + calm + failed_prediction(result)
 
 
 def _tied(result: Result) -> list[Finding]:
@@ -84,10 +86,14 @@ def _tied(result: Result) -> list[Finding]:
         return []
     names = ("/tuning/position_sigma_horizontal", "/tuning/position_sigma_vertical")
     sigma = ", ".join(f"{float(result[name]) * nis[0] ** 0.5:.2g}" for name in names)
+    give = f"gnss.position_sigma_m: [{sigma}]"
+    if "/summary/bet_until" in result:  # values of the whole recording would predict nothing
+        until = float(result["/summary/bet_until"])
+        give = f"gnss.position_sigma_m as a replay of the predicting part says (--set end_s={until:g})"
     text = (
         f"positions have a NIS of {nis[0]:.2f} in motion, velocities of {nis[1]:.2f}, where 1 is due: the position "
         f"sigma is {origin}, and positions scatter more. Give columns with the receiver's accuracies, or "
-        f"gnss.position_sigma_m: [{sigma}]"
+        f"{give}"
     )
     degrees = result["/innovations/degrees"]
     by_chance = limit(3.0 * float(result["/summary/motion_fixes"][group])) / DOUBTED
@@ -140,6 +146,20 @@ def _inconsistent(result: Result, of_positions: bool = True) -> list[Finding]:
         "1 is due. The filter trusts its fixes and sensors too much, and its sigmas are too small. Give gnss." + key
     )
     return [Finding("innovations", text, (CONSISTENT,), int(degrees.astype(bool).sum()), degrees.size)]
+
+
+def _too_calm(result: Result) -> list[Finding]:
+    """Finding of untuned noise with which the innovations in motion are far smaller than predicted."""
+    moving = list(result["/summary/motion"]).index("moving")
+    nis, freedom = (float(result[f"/summary/{name}"][moving]) for name in ("nis", "degrees_of_freedom"))
+    if not freedom or not nis * LARGEST_NIS * limit(freedom) < DOUBTED:
+        return []
+    text = (
+        f"the innovations in motion have a NIS of {nis:.2f} per degree of freedom where 1 is due: the noise is too "
+        "large, and so are the sigmas. Let navsim tune it (`tuning: likelihood`), or give less"
+    )
+    degrees = result["/innovations/degrees"]
+    return [Finding("innovations", text, (), int(degrees.astype(bool).sum()), degrees.size)]
 
 
 def _pauses(flight: RecordedFlight) -> list[Finding]:

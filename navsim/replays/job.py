@@ -9,7 +9,7 @@ import numpy as np
 
 from navsim.replays import study as replay
 from navsim.replays.prediction import Prediction, predict, write_score
-from navsim.replays.reading import read
+from navsim.replays.reading import ReplayError, read
 from navsim.replays.scenario import Replay
 from navsim.results.findings import several
 from navsim.results.result import ResultKind
@@ -40,6 +40,14 @@ class ReplayJob:
         self.section, self.document, self.options = section, document, options
         self.bet: Prediction | None = None
         self.until = np.inf
+        if options.bet is not None:
+            try:
+                self.until = float(options.bet)
+            except ValueError:
+                self.bet = Prediction.read(Path(options.bet))
+            else:
+                if not np.isfinite(self.until):
+                    raise OptionError(f"--bet {self.until}: expected a time in s of the recording")
         self.suffix = "" if options.bet is None else BET_SUFFIX
         self.sort = ResultKind("replay")
         self.kernels = f"replay-{section.filter.kind}-{section.filter.coupling}"
@@ -55,21 +63,19 @@ class ReplayJob:
     def prepare(self, executor: Executor, allow: ResourceCheck) -> None:
         """Prepare the flight, or only its first part if that has to predict the rest."""
         section = self.section
-        if self.options.bet is not None:
-            try:
-                self.until = float(self.options.bet)
-            except ValueError:
-                self.bet = Prediction.read(Path(self.options.bet))
-            else:
-                if not np.isfinite(self.until):
-                    raise OptionError(f"--bet {self.until}: expected a time in s of the recording")
-                last = self.until if section.end_s is None else min(self.until, section.end_s)
-                section = section.model_copy(update={"end_s": last, "outages": ()})
+        if self.until < np.inf:
+            last = self.until if section.end_s is None else min(self.until, section.end_s)
+            section = section.model_copy(update={"end_s": last, "outages": ()})
         try:
             self.recording = replay.prepare(section, self.document)
         except InputError as error:
             if section is not self.section and (cut := [one for one in error.problems if one.key == "end_s"]):
                 raise OptionError(f"--bet {cut[0].message}") from None
+            raise
+        except ReplayError as error:
+            if section is not self.section:
+                cause = str(error).partition(";")[0]  # its remedies are those of a whole recording
+                raise OptionError(f"--bet {self.until:g}: {cause}; give a later time") from None
             raise
         ends = self.recording.recorded[1] if self.section.end_s is None else self.section.end_s
         if self.until < np.inf and self.until >= ends:
@@ -96,9 +102,11 @@ class ReplayJob:
 
     def described(self) -> str:
         here = self.recording
+        unseen = "; ".join(item.partition(":")[0] for item in "; ".join(here.not_judged).split("; "))
         return (
             f"{several(here.samples.time.size, 'sample')}, {several(here.fixes.time.size, 'fix')}, "
             f"aligned at {here.alignment.time:.2f} s with data up to {here.alignment.until:.2f} s"
+            f"{f' (not checked: {unseen})' if unseen else ''}"
         )
 
     def key(self) -> dict[str, object]:

@@ -78,7 +78,7 @@ class Prediction:
             given = json.loads(files.content(path, _LARGEST_FILE))
             found, digest = cls(given["prediction"]), given["sha256"]
         except FileNotFoundError:
-            raise OptionError(f"--bet {path}: neither a time in s nor a file of a prediction (.json)") from None
+            raise OptionError(f"--bet {path}: no such file, and no time in s") from None
         except OSError as error:
             raise OptionError(f"--bet {path}: cannot be read: {error.strerror or error}") from None
         except (ValueError, KeyError, TypeError):

@@ -88,6 +88,7 @@ from navsim.scenario_files.source import Document, InputError, Problem
 from navsim.sensors.beacons import blocks_of
 from navsim.sensors.imu import Triad
 from navsim.simulation.inertial_states import followed
+from navsim.statistics.rounding import digits
 
 POSITION_TIME = 2.5
 """1 sigma of a position over that of a velocity, s: receivers propagate positions with the velocity."""
@@ -489,7 +490,8 @@ def _align(search: aligning.Search, samples: Samples, fixes: Fixes, first: float
             f"alignment.heading_deg needs a standstill at the start, and there is none in the {aligning.LONGEST:g} s "
             f"from {first:g} s on; leave it out, or let start_s begin where the aircraft is at rest"
         )
-    text = f"no alignment: nowhere after {first:g} s do {search.longest:g} s of motion give the heading to "
+    lasts = min(search.longest, float(samples.time[-1]) - first)
+    text = f"no alignment: nowhere after {first:g} s do {digits(lasts)} s of motion give the heading to "
     text += f"{np.degrees(search.heading_sigma):g} degrees"
     lag = lag_of_velocities(fixes)
     if np.isfinite(lag):

@@ -93,8 +93,12 @@ def test_an_earlier_prediction_is_tested_as_it_was_written(log: Path, scored: na
         bet(log, 500.0, "late")
     with pytest.raises(navsim.BadInput, match=r"--bet 0\.5 leaves .* needed are"):
         bet(log, 0.5, "early")
+    with pytest.raises(navsim.BadInput, match=r"--bet 3: no alignment: .* do 2.* s of motion .*; give a later time"):
+        bet(log, 3.0, "unaligned")
     with pytest.raises(OptionError, match="expected a time"):
         Prediction.read(log)
+    with pytest.raises(OptionError, match="no such file"):
+        Prediction.read(log.with_name("none.json"))
     tight = cast(Recording, SimpleNamespace(tuned=("range_rate_sigma", "latency")))
     with pytest.raises(ReplayError, match="another coupling, without range_rate_sigma"):
         Prediction.read(path).tuning(tight)

@@ -180,6 +180,9 @@ def test_clocks_that_do_not_meet() -> None:
     (found,) = diagnose(Log(samples, replace(fixes, time=fixes.time + 1.4e9)))
     assert "no common time" in str(found)
     assert found.remedies[0]["gnss.time_offset_s"] == pytest.approx(-1.4e9, abs=2.0)
+    begun = fixes.take(fixes.time > samples.time[0] + 0.6)  # their first one belongs to a later sample than the first
+    (found,) = diagnose(Log(samples, replace(begun, time=begun.time + 1.4e9)))
+    assert found.remedies == ({"gnss.time_offset_s": -1.4e9},)
 
 
 def test_an_offset_within_the_latency_is_no_mistake_unless_the_latency_is_given() -> None:

@@ -18,7 +18,7 @@ from navsim.logs.reading import read_logs
 from navsim.logs.tables import log_files
 from navsim.replays import flight as simulated
 from navsim.replays import study as replay
-from navsim.replays.findings import _inconsistent, _tied
+from navsim.replays.findings import _inconsistent, _tied, _too_calm
 from navsim.replays.result_groups import write_filter
 from navsim.replays.tuning import ERROR_SIZE, ERROR_TIME, SETTINGS, TuningSearch, _of_lever_arm
 from navsim.results import findings
@@ -739,3 +739,14 @@ def test_positions_that_scatter_more_than_their_tied_sigma_are_told(
     assert bool(found) is told
     assert not told or found[0].text.endswith("gnss.position_sigma_m: [0.31, 0.57]")  # sigma times the root of NIS
     assert not told or bool(found[0].against) is (fixes == 100)  # of ten fixes chance explains it
+    result.variables["/summary/bet_until"] = Variable((), np.float64(70.0), "", "")
+    assert not told or "(--set end_s=70)" in _tied(result)[0].text  # values of what was predicted would be no test
+
+
+@pytest.mark.parametrize(("nis", "fixes", "told"), [(0.24, 100, True), (0.24, 3, False), (0.7, 1000, False)])
+def test_untuned_noise_that_is_too_large_is_told(nis: float, fixes: int, told: bool) -> None:
+    result = {
+        "/innovations/degrees": np.full(fixes, 6), "/summary/motion": np.array(["all", "moving"], dtype=object),
+        "/summary/degrees_of_freedom": np.array([12 * fixes, 6 * fixes]), "/summary/nis": np.array([1.0, nis]),
+    }  # fmt: skip
+    assert [each.against for each in _too_calm(result)] == [()] * told
