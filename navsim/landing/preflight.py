@@ -560,7 +560,7 @@ def _without_fix(
         causes.append("lower sky.mask_deg, or add satellite systems or pseudolites")
     many = int(signals.used.sum(axis=1)[short].max()) + more
     received = f"at most {several(many, 'source')} received" if many else "no source is received"
-    what, needs = ("range", "") if tight else ("fix", ". A fix needs four, and one more for each further clock")
+    what, needs = ("pseudorange", "") if tight else ("fix", ". A fix needs four, and one more for each further clock")
     return [
         f"{short.sum()} of {short.size} epochs without a {what}: too few usable sources, the first at {time[0]:.1f} s: "
         f"{received}{needs}; {'; '.join(causes)}"

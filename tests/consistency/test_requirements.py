@@ -190,11 +190,12 @@ def test_the_vertical_error_without_a_fault_is_what_fixes_have(tmp_path: Path) -
 def test_the_exit_code_follows_where_it_is_asked_to(tmp_path: Path) -> None:
     good, bad = (
         [{"what": "rms", "of": "vertical", "below_m": 50.0}],
-        [{"what": "rms", "of": "vertical", "below_m": 0.01}],
+        [{"what": "rms", "of": axis, "below_m": 0.01} for axis in ("vertical", "horizontal")],
     )
     flown(tmp_path, good, "--runs", 8, "--require")
     _, said = flown(tmp_path, bad, "--runs", 8, "--require", code=3)
     assert "--require: vertical RMS error before touchdown below 0.01 m: not met" in said
+    assert "error: 2 conditions are violated; a.h5 is complete" in said
     flown(tmp_path, bad, "--runs", 8)
 
 

@@ -121,7 +121,7 @@ SILENCE = "events=[{what: silence, sources: [all], at_s: 5, until_s: 9}]"
         (["sky.mask_deg=89.9", "pseudolites.count=0"], "; lower sky.mask_deg, or add"),
         ([SILENCE], "without events[0] (silence from 5 s on) there are enough at 40 of these epochs"),
         ([SILENCE, "sky.mask_deg=89.9"], "lower sky.mask_deg, or add"),
-        ([SILENCE, "filter.coupling=tight", "sky.mask_deg=50"], "40 of 100 epochs without a range"),
+        ([SILENCE, "filter.coupling=tight", "sky.mask_deg=50"], "40 of 100 epochs without a pseudorange: too few"),
     ],
 )
 def test_fixes_that_no_source_gives_are_warned_of(given: list[str], said: str) -> None:
