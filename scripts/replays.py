@@ -205,8 +205,7 @@ def main() -> int:
         "# Recorded flights, measured",
         "",
         "Constants of the tuning were chosen on these two recordings ([method](replay-method.md#tuning)), so they "
-        "don't test them. The σ of their positions is too large: "
-        "[more errors than predicted are small](replay-checks-measured.md#predictions).",
+        "don't test them. [How wrong σ can be](replay.md#are-the-sigmas-true).",
         "",
         "## A small fixed-wing UAV",
         "",

@@ -148,6 +148,8 @@ def write_tuning(draft: ResultBuilder, recording: Recording, tuning: Tuning) -> 
             origin = "given"
         elif name.startswith("position_sigma") and not free[POSITION_RATIO]:
             origin = f"{settings[POSITION_RATIO]:g} s {VELOCITY_SIGMA}"
+            if recording.scenario.tuning == "none" and np.isfinite(recording.fixes.usual_accuracy[:2]).all():
+                origin = "accuracies of the fixes"
         elif name == "velocity_latency" and not free[VELOCITY_LAG]:
             origin = "as latency"
         draft.put(f"/tuning/{name}", value, {"origin": origin})
