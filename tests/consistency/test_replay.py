@@ -19,8 +19,8 @@ from navsim.logs.tables import log_files
 from navsim.replays import flight as simulated
 from navsim.replays import study as replay
 from navsim.replays.findings import _inconsistent, _tied, _too_calm
-from navsim.replays.result_groups import write_filter
-from navsim.replays.tuning import ERROR_SIZE, ERROR_TIME, SETTINGS, TuningSearch, _of_lever_arm
+from navsim.replays.result_groups import write_filter, write_tuning
+from navsim.replays.tuning import ERROR_SIZE, ERROR_TIME, SETTINGS, TuningSearch, _of_lever_arm, tune
 from navsim.results import findings
 from navsim.results.builder import ResultBuilder
 from navsim.results.result import Result, Variable
@@ -209,6 +209,10 @@ def test_why_the_size_of_lasting_errors_is_unknown(columns: int, words: str, tmp
     assert words in text
     tuned = np.where(np.arange(SETTINGS) == ERROR_SIZE, 2.0, np.where(np.arange(SETTINGS) == ERROR_TIME, 19.3, 0.0))
     assert ("much longer than the 19 s of the tuned error" in recording.unknown_errors(tuned)[0]) == (columns < 2)
+    draft = ResultBuilder(REPLAY)
+    write_tuning(draft, recording, tune(recording))
+    origin = draft.variables["/tuning/position_sigma_horizontal"].attributes["origin"]
+    assert origin == ("accuracies of the fixes" if columns == 2 else "2.5 s times the velocity sigma")
 
 
 def test_an_uncertain_latency_is_in_the_sigma_of_position(tmp_path: Path) -> None:
