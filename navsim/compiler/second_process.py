@@ -63,15 +63,19 @@ class SecondProcess(event.Listener):
         return self.process is not None and self.process.poll() is None
 
     def end(self) -> None:
-        """End it."""
+        """End it and close its pipe."""
         if self.process is not None:
             self.process.kill()
             self.process.wait()
+            assert self.process.stdin is not None
+            with suppress(OSError):  # of orders that it has not taken
+                self.process.stdin.close()
 
     def _start(self) -> bool:
         """Whether it could be started; one that failed is not started again."""
         if (self.process is not None and self.process.returncode) or not self._has_room():
             return False
+        self.end()
         command = [sys.executable, "-P", "-c", _COMMAND.format(path=sys.path)]
         nothing = subprocess.DEVNULL
         try:

@@ -379,7 +379,7 @@ def _list_needed(model: type[Section], location: tuple[str | int, ...], given: A
         return f"{message}; begin each entry with a dash"
     length = max((_length(field.annotation) for field in fields), default=0)
     if length and isinstance(given, int | float):
-        return f"expected {length} numbers in brackets, [{', '.join('abc'[:length])}], not {_shown(given)}"
+        return f"expected {length} numbers in brackets, [{', '.join('abcdef'[:length])}], not {_shown(given)}"
     alone = any(_fits(one, str(location[-1]), (given,)) for one in parents)
     return f"{message}; one value in brackets is one: [{given}]" if alone else message
 

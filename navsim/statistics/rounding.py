@@ -16,7 +16,7 @@ def digits(value: float, count: int = 3) -> str:
 
 
 def value_text(value: float, sigma: float) -> str:
-    """A number to the first digit of its 1 sigma, > 0: -0.40 for -0.402 with 0.04, 300 for 271 with 90."""
+    """A number to the first digit of its 1 sigma, > 0: -0.40 for -0.402 with 0.04, 270 for 271 with 90."""
     last = math.floor(math.log10(float(f"{sigma:.1g}")))
     return f"{round(value, -last) + 0.0:.{max(-last, 0)}f}"
 

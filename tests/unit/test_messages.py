@@ -46,6 +46,7 @@ LANDING = SCENARIOS / "landing.yaml"
         ("approach=null",
          "approach: expected a section, a mapping of keys to values, not null; the key is required"),
         ("wind.gusts=4", "wind.gusts: expected a list, not 4; begin each entry with a dash"),
+        ("signals.ionosphere.alpha=1", "signals.ionosphere.alpha: expected 4 numbers in brackets, [a, b, c, d], not 1"),
         ("wind.gusts=null", "wind.gusts: expected a list, not null; [] is an empty one"),
         ("sky.systems=gps", "sky.systems: expected a list, not 'gps'; one value in brackets is one: [gps]"),
         ("title=null", "title: expected a text, not null"),

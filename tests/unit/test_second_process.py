@@ -100,8 +100,12 @@ def test_pieces_lie_on_disk_and_a_killed_second_process_is_not_missed(
                 second.process.wait()
             with event.trigger_event("numba:compile", data=ROTATION):
                 assert not second.lives(), "one that died is not started again"
+        second._tell(None)
     finally:
         second.end()
+    assert second.process is not None
+    assert second.process.stdin is not None
+    assert second.process.stdin.closed, "its pipe is no longer open, although it took not all"
 
 
 def test_the_second_process_ends_with_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
