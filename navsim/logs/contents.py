@@ -48,7 +48,7 @@ MEANINGS = {
 """Meaning of the further columns of fixes."""
 MAGNETIC_HEADING, ANTENNA_HEADING = "magnetic_heading", "antenna_heading"
 """Tables of headings."""
-BODY_AXES = ("gyro_axes: FRD  # known: the autopilot has applied the board's orientation", "accelerometer_axes: FRD")
+BODY_AXES = ("gyro_axes: FRD  # known: the board's orientation is applied", "accelerometer_axes: FRD")
 """Lines of the section `imu` for samples in the axes of the body."""
 QUALITY = {"no fix": 0, "2D": 2, "3D": 3, "differential": 4, "float": 5, "fixed": 6}
 """Column `quality`: how the receiver found a fix, as MAVLink and the autopilots number it."""

@@ -142,7 +142,7 @@ def read_reference(reference: ReferenceSection, sources: Sources, document: Docu
     time = values[:, 0] * TIME_UNITS[str(reference.time_unit)]
     if np.any(np.diff(time) <= 0.0):
         at = int(np.argmax(np.diff(time) <= 0.0)) + 1
-        raise _refuse(document, f"{key}.file", f"line {lines[at]}: the time does not increase ({time[at]:g} s)")
+        raise _refuse(document, f"{key}.file", f"line {lines[at]}: the time does not increase ({time[at]:.12g} s)")
     is_geodetic = _is_geodetic(table, columns)
     if is_geodetic != (sources.origin is not None):
         kind = ("geodetic", "local")[not is_geodetic]

@@ -89,7 +89,7 @@ def _tied(result: Result) -> list[Finding]:
     give = f"gnss.position_sigma_m: [{sigma}]"
     if "/summary/bet_until" in result:  # values of the whole recording would predict nothing
         until = float(result["/summary/bet_until"])
-        give = f"gnss.position_sigma_m as a replay of the predicting part says (--set end_s={until:g})"
+        give = f"gnss.position_sigma_m as a replay of the predicting part says (--set end_s={until:.12g})"
     text = (
         f"positions have a NIS of {nis[0]:.2f} in motion, velocities of {nis[1]:.2f}, where 1 is due: the position "
         f"sigma is {origin}, and positions scatter more. Give columns with the receiver's accuracies, or "
@@ -289,7 +289,7 @@ def find_off_course(flight: RecordedFlight, flown: replay.Replayed) -> list[Find
 def warn_of_outages(scenario: Replay, first: float, last: float) -> list[str]:
     """Warning about outages outside the flight, from first to last, s: they have no effect."""
     spans = [span for outage in scenario.outages for span in outage_spans(outage)]
-    away = [f"{begin:g} to {end:g} s" for begin, end in spans if begin <= first or end > last]
+    away = [f"{begin:.12g} to {end:.12g} s" for begin, end in spans if begin <= first or end > last]
     if not away:
         return []
     part = f"the replayed part, {first:.1f} to {last:.1f} s"

@@ -75,11 +75,11 @@ class ReplayJob:
         except ReplayError as error:
             if section is not self.section:
                 cause = str(error).partition(";")[0]  # its remedies are those of a whole recording
-                raise OptionError(f"--bet {self.until:g}: {cause}; give a later time") from None
+                raise OptionError(f"--bet {self.until:.12g}: {cause}; give a later time") from None
             raise
         ends = self.recording.recorded[1] if self.section.end_s is None else self.section.end_s
         if self.until < np.inf and self.until >= ends:
-            raise OptionError(f"--bet {self.until:g}: the recording ends at {ends:.1f} s; give an earlier time")
+            raise OptionError(f"--bet {self.until:.12g}: the recording ends at {ends:.1f} s; give an earlier time")
         allow(self.estimate())
 
     def estimate(self) -> Budget:

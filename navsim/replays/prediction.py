@@ -126,7 +126,7 @@ def predict(
         if len(sigma) >= LEAST
     }
     if not bands:
-        raise ReplayError(f"--bet: no fixes in motion up to {until:g} s predict what follows; give a later time")
+        raise ReplayError(f"--bet: no fixes in motion up to {until:.12g} s predict what follows; give a later time")
     usual = [float(value) if np.isfinite(value) else None for value in recording.fixes.usual_accuracy]
     return Prediction({
         "navsim": navsim.__version__, "until_s": until, "first_fix": _first_fix(recording.fixes),

@@ -117,7 +117,7 @@ def _predicted(result: Result) -> list[Table | str]:
         return []
     until = result.variables["/summary/bet_until"]
     out = Table(
-        f"Predicted from the part up to {float(np.asarray(until.data)):g} s, and what followed",
+        f"Predicted from the part up to {float(np.asarray(until.data)):.12g} s, and what followed",
         ("in motion", "values", "independent", "50 % within", "were, %", "95 % within", "were, %", "verdict"),
     )
     for i, name in enumerate(result["/summary/quantity"]):

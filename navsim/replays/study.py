@@ -374,7 +374,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     # a heading that is known is that of the start
     again = search if search.heading is None else replace(search, heading=None, heading_sigma=USUAL_HEADING)
     if np.sum(samples.time > aligned.time) < 2 or not np.any(fixes.time > aligned.time):
-        raise ReplayError(f"the recording ends with its alignment, at {aligned.time:g} s")
+        raise ReplayError(f"the recording ends with its alignment, at {aligned.time:.12g} s")
     warnings += warn_of_unflown(scenario, log, first, aligned)
     warnings += warn_of_outages(scenario, aligned.time, float(samples.time[-1]))
     warnings += warn_of_headings(log.headings, aligned.time, float(samples.time[-1]))
@@ -488,10 +488,10 @@ def _align(search: aligning.Search, samples: Samples, fixes: Fixes, first: float
     if search.heading is not None:
         raise ReplayError(
             f"alignment.heading_deg needs a standstill at the start, and there is none in the {aligning.LONGEST:g} s "
-            f"from {first:g} s on; leave it out, or let start_s begin where the aircraft is at rest"
+            f"from {first:.12g} s on; leave it out, or let start_s begin where the aircraft is at rest"
         )
     lasts = min(search.longest, float(samples.time[-1]) - first)
-    text = f"no alignment: nowhere after {first:g} s do {digits(lasts)} s of motion give the heading to "
+    text = f"no alignment: nowhere after {first:.12g} s do {digits(lasts)} s of motion give the heading to "
     text += f"{np.degrees(search.heading_sigma):g} degrees"
     lag = lag_of_velocities(fixes)
     if np.isfinite(lag):
@@ -539,10 +539,11 @@ def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes
         alone = {begins: part(start, None)[-1], "end_s": part(None, end)[-1]}
         to_blame = [key for key in given if alone[key]] or list(given)
         message = f"leaves {too_few} ({spans})"
-        raise InputError([refused(key, f"{given[key]:g} {message}") for key in to_blame])
+        raise InputError([refused(key, f"{given[key]:.12g} {message}") for key in to_blame])
     interval = float(np.median(np.diff(samples.time)))
     if known is not None and first < s_begin - _BEFORE * interval:
-        message = f"{first:g} s is before the first sample ({spans}); give the state at a time from {s_begin:g} s on"
+        late = f"give the state at a time from {s_begin:.12g} s on"
+        message = f"{first:.12g} s is before the first sample ({spans}); {late}"
         raise InputError([refused(begins, message)])
     apart = of_fixes.take(spaced(of_fixes.time, scenario.gnss.spacing_s))
     common = int(np.sum(apart.time >= first))
