@@ -99,7 +99,8 @@ LEGENDRE = np.array(np.polynomial.legendre.leggauss(5))
 
 @kernel
 def _fading(dt, tau, out):
-    """Change (3,) of position, velocity and acceleration over dt by an acceleration of 1 that fades with tau."""
+    """Change (3,) of position, velocity and acceleration over dt, s, by an acceleration of 1 m/s2 that fades with the
+    time constant tau, s."""
     out[2] = np.exp(-dt / tau)
     out[1] = -tau * np.expm1(-dt / tau)
     out[0] = tau * (dt - out[1])
@@ -107,7 +108,7 @@ def _fading(dt, tau, out):
 
 @kernel
 def _passed(dt, tau, smoothing):
-    """What a smoothed error takes over dt from an error of 1 that fades with tau."""
+    """What a smoothed error takes over dt from an error of 1 m that fades with tau; time constants and dt in s."""
     slow, fast = min(dt / smoothing, dt / tau), max(dt / smoothing, dt / tau)
     x = fast - slow
     return dt / smoothing * np.exp(-slow) * (-np.expm1(-x) / x if x > 0.0 else 1.0)
@@ -115,7 +116,7 @@ def _passed(dt, tau, smoothing):
 
 @kernel
 def _changes(dynamics, dt, out):
-    """Coefficients (5, k) of the transition over dt.
+    """Coefficients (5, k) of the transition over dt, s.
 
     Rows: decay of each Gauss-Markov error; what its smoothed error takes of it; decay of the smoothed error; the
     effect of an acceleration on position, velocity and itself; of a velocity on the position."""
@@ -179,7 +180,7 @@ def _transpose_rows(dynamics, change, m):
 
 @kernel
 def _add_fading(dynamics, dt, p):
-    """Noise of an interval dt behind accelerations that fade, in place.
+    """Add the noise of an interval dt, s, behind accelerations that fade to P (n, n).
 
     It is the integral of the squared response to an impulse, by Gauss and Legendre's rule of five points in steps no
     longer than the correlation time: the closed form loses its digits over short intervals."""
@@ -199,7 +200,7 @@ def _add_fading(dynamics, dt, p):
 
 @kernel
 def _add_noise(dynamics, change, dt, p):
-    """Noise of an interval dt with these changes, in place."""
+    """Add the noise of an interval dt, s, with these changes to P (n, n)."""
     order = dynamics.order
     if dynamics.motion_time < np.inf:
         _add_fading(dynamics, dt, p)

@@ -283,6 +283,8 @@ class RecordedRanges(Section):
             raise reject("the velocity model has no acceleration; leave it out", "motion", "correlation_time_s")
         if not one_way and self.bias.smoothing_s is not None:
             raise reject("two-way ranges are measured one by one; leave it out", "bias", "smoothing_s")
+        if self.bias.smoothing_s and self.bias.wander is not None and self.bias.wander.sigma_m == 0.0:
+            raise reject("bias.wander leaves no error to smooth; leave it out", "bias", "smoothing_s")
         if not one_way and self.clocks != ClocksSection():
             raise reject("two-way ranges have no clocks; leave this section out", "clocks")
         return self

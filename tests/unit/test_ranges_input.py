@@ -152,9 +152,10 @@ def test_keys_that_contradict(tmp_path: Path, more: str, says: str) -> None:
     assert says in refusal(tmp_path, table(), more=more)
 
 
-@pytest.mark.parametrize(("more", "text"), [
-    ("motion: {correlation_time_s: 5}", "the velocity model has no acceleration"),
-    ("bias: {smoothing_s: 1}", "two-way ranges are measured one by one"),
+@pytest.mark.parametrize(("measurement", "more", "text"), [
+    ("two_way", "motion: {correlation_time_s: 5}", "the velocity model has no acceleration"),
+    ("two_way", "bias: {smoothing_s: 1}", "two-way ranges are measured one by one"),
+    ("one_way", "bias: {smoothing_s: 1, wander: {sigma_m: 0, correlation_time_s: 1}}", "no error to smooth"),
 ])  # fmt: skip
-def test_keys_of_the_other_models_are_refused(tmp_path: Path, more: str, text: str) -> None:
-    assert text in refusal(tmp_path, table(), more=more)
+def test_keys_of_the_other_models_are_refused(tmp_path: Path, measurement: str, more: str, text: str) -> None:
+    assert text in refusal(tmp_path, table(), f"measurement: {measurement}", more=more)
