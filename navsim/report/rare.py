@@ -48,11 +48,6 @@ def table(results: Sequence[tuple[str, Result]]) -> Table:
     row("  any limit exceeded", lambda r: _probability(r["/summary/rare/probability"], _effective(r)))
     for i, axis in axes:
         row(f"  {axis}", lambda r, i=i: _of_axis(r, i))  # type: ignore[misc]
-    if any(_GO_AROUND in result for _, result in results):
-        out.head("Go-around after an alarm", *("probability [95 %]" for _ in results))
-        row("  go-around", _of_go_arounds)
-        row("  effective samples", lambda r: cell("{:.0f}", float(r[f"{_GO_AROUND}_effective_samples"]))
-            if _GO_AROUND in r else ABSENT)  # fmt: skip
     out.head("The same to first order", *(_without_alarms(result) for _, result in results))
     row("  any limit exceeded", lambda r: box_to_first_order(r, None))
     for i, axis in axes:
@@ -60,6 +55,11 @@ def table(results: Sequence[tuple[str, Result]]) -> Table:
     out.head("Errors there to first order, m", *("mean, 1 sigma" for _ in results))
     for i, axis in axes:
         row(f"  {axis}", lambda r, i=i: _first_order(r, i))  # type: ignore[misc]
+    if any(_GO_AROUND in result for _, result in results):
+        out.head("Go-around after an alarm", *("probability [95 %]" for _ in results))
+        row("  go-around", _of_go_arounds)
+        row("  effective samples", lambda r: cell("{:.0f}", float(r[f"{_GO_AROUND}_effective_samples"]))
+            if _GO_AROUND in r else ABSENT)  # fmt: skip
     out.head("Basis")
     row("  relative error, 1 sigma", _relative_error)
     row("  effective samples", lambda r: cell("{:.0f}", _effective(r)))
