@@ -154,7 +154,7 @@ class LastFirst(event.Listener):
 
 def _listen(told: BinaryIO, orders: SimpleQueue[bytes]) -> None:
     """Pass on what the first process tells; end with it."""
-    with suppress(EOFError, OSError):
+    with suppress(EOFError, OSError, pickle.UnpicklingError):
         while True:
             orders.put(pickle.load(told))
     os._exit(0)

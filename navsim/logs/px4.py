@@ -122,7 +122,8 @@ def _contents(log: Any) -> LogContents:
     usual = log.get_default_parameters(0).get("SENS_BOARD_ROT", 0)
     turned = int(parameters.get("SENS_BOARD_ROT", usual))
     known = f"SENS_BOARD_ROT {'is' if there else 'is not in the log; its default is'} {turned}"
-    out.imu_keys += BODY_AXES
+    if out.imus or there:
+        out.imu_keys += BODY_AXES
     if not out.imus:
         _add_raw(out, topics.get("sensor_gyro", []), topics.get("sensor_accel", []), turned, known, place)
     else:

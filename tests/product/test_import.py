@@ -270,6 +270,8 @@ def test_samples_of_a_turned_board(flight: Flight, tmp_path: Path) -> None:
     logs.write_ulog(tmp_path / "default.ulg", topics, {})
     said = imported(tmp_path / "default.ulg", "-o", tmp_path / "own").stdout
     assert "SENS_BOARD_ROT is not in the log; its default is 0" in said
+    known = ["gyro_axes: FRD" in (tmp_path / folder / "log.yaml").read_text() for folder in ("out", "own")]
+    assert known == [True, False], "axes by a default are assumed"
     samples = read_imu(tmp_path / "out/imu.csv")[0]
     np.testing.assert_allclose(samples.rate, flight.samples.rate, atol=1e-6)
     np.testing.assert_allclose(samples.force, flight.samples.force, atol=1e-5)

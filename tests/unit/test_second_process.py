@@ -112,7 +112,7 @@ def test_the_second_process_ends_with_the_first(monkeypatch: pytest.MonkeyPatch)
     ended: list[int] = []
     orders: SimpleQueue[bytes] = SimpleQueue()
     monkeypatch.setattr(os, "_exit", ended.append)
-    last_pieces._listen(io.BytesIO(pickle.dumps(b"an order")), orders)
+    last_pieces._listen(io.BytesIO(pickle.dumps(b"an order") + pickle.dumps(b"one cut off")[:-3]), orders)
     assert orders.get(timeout=0.0) == b"an order"
     assert ended == [0]
 
