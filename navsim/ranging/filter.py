@@ -1,10 +1,15 @@
 """Extended Kalman filter and smoother of one range at a time.
 
-The filter takes each range at its own time, so that no epoch with all sources is needed. Its states are the position
-and its derivatives, the clocks as pairs of offset and rate, constant biases, Gauss-Markov errors, and what a smoothing
-receiver makes of the first of these errors, in this order (`ranging.model`). An acceleration may fade [3]. Outliers are
-part of the measurement model: the noise of a range is a mixture of Gaussians, and the update matches mean and
-covariance of the posterior mixture [1]. The likelihood of the ranges follows from the same weights. The smoother is
+The filter takes each range at its own time, so that no epoch with all sources is needed. Its states, in this order
+(`ranging.model`):
+
+- the position and its derivatives; an acceleration may fade [3],
+- the clocks as pairs of offset and rate,
+- constant biases, and Gauss-Markov errors,
+- errors smoothed by the receiver: the first Gauss-Markov errors behind a low-pass filter of first order.
+
+Outliers are part of the measurement model: the noise of a range is a mixture of Gaussians, and the update matches mean
+and covariance of the posterior mixture [1]. The likelihood of the ranges follows from the same weights. The smoother is
 that of Bryson and Frazier [2], which inverts no covariance.
 
 Sources:
@@ -24,21 +29,28 @@ from navsim.compiler.jit import kernel
 
 
 class Dynamics(NamedTuple):
-    """Motion and errors between ranges: order of the motion (2: velocity, 3: acceleration), its noise densities (3,),
-    correlation time of an acceleration, s (inf: it does not fade), number of clocks and their noise densities
-    (c, c, 2), first Gauss-Markov state, correlation times (k,) and standard deviations (k,), number of the first of
-    these errors that the receiver smooths, and its time constant, s."""
+    """Motion and errors between ranges."""
 
     order: int
+    """Order of the motion: 2 for a velocity, 3 for an acceleration."""
     motion: np.ndarray
+    """(3,) noise densities of the highest derivative."""
     motion_time: float
+    """Correlation time of an acceleration, s; inf: it does not fade."""
     clocks: int
+    """Number of clocks."""
     clock_noise: np.ndarray
+    """(c, c, 2) noise densities of their offsets and rates."""
     first_markov: int
+    """The first Gauss-Markov state."""
     markov_time: np.ndarray
+    """(k,) correlation times of the Gauss-Markov errors, s."""
     markov_sigma: np.ndarray
+    """(k,) their standard deviations, m."""
     smoothed: int
+    """How many of them, from the first on, the receiver smooths."""
     smoothing_time: float
+    """Time constant of its smoothing, s."""
 
 
 class RangeNoise(NamedTuple):
@@ -115,6 +127,12 @@ def _passed(dt, tau, smoothing):
 
 
 @kernel
+def smoothed_variance(variance, tau, smoothing):
+    """Variance of a smoothed error, and its covariance with the error of this variance; time constants in s."""
+    return variance * tau / (tau + smoothing)
+
+
+@kernel
 def _changes(dynamics, dt, out):
     """Coefficients (5, k) of the transition over dt, s.
 
@@ -182,8 +200,8 @@ def _transpose_rows(dynamics, change, m):
 def _add_fading(dynamics, dt, p):
     """Add the noise of an interval dt, s, behind accelerations that fade to P (n, n).
 
-    It is the integral of the squared response to an impulse, by Gauss and Legendre's rule of five points in steps no
-    longer than the correlation time: the closed form loses its digits over short intervals."""
+    It is the integral of the squared response to an impulse, by the Gauss-Legendre rule of five points. No step is
+    longer than the correlation time. The closed form would lose its digits over short intervals."""
     steps = int(np.ceil(dt / dynamics.motion_time))
     reply, square = np.empty(3), np.zeros((3, 3))
     for step in range(steps):
@@ -199,12 +217,10 @@ def _add_fading(dynamics, dt, p):
 
 
 @kernel
-def _add_noise(dynamics, change, dt, p):
-    """Add the noise of an interval dt, s, with these changes to P (n, n)."""
+def _add_lasting(dynamics, dt, p):
+    """Add the noise of an interval dt, s, behind velocities or accelerations that do not fade to P (n, n)."""
     order = dynamics.order
-    if dynamics.motion_time < np.inf:
-        _add_fading(dynamics, dt, p)
-    for i in range(3 if dynamics.motion_time == np.inf else 0):
+    for i in range(3):
         q = dynamics.motion[i]
         for a in range(order):
             for b in range(order):
@@ -216,6 +232,16 @@ def _add_noise(dynamics, change, dt, p):
                     power += 1
                     scale *= order - 1 - o
                 p[3 * a + i, 3 * b + i] += q * dt**power / (scale * power)
+
+
+@kernel
+def _add_noise(dynamics, change, dt, p):
+    """Add the noise of an interval dt, s, with these changes to P (n, n)."""
+    order = dynamics.order
+    if dynamics.motion_time < np.inf:
+        _add_fading(dynamics, dt, p)
+    else:
+        _add_lasting(dynamics, dt, p)
     for c in range(dynamics.clocks):
         for d in range(dynamics.clocks):
             phase, frequency = dynamics.clock_noise[c, d]
@@ -230,7 +256,7 @@ def _add_noise(dynamics, change, dt, p):
     for i in range(dynamics.smoothed):
         # what the transition leaves of the stationary covariance [[s, c], [c, c]], taken from it
         s, tau = dynamics.markov_sigma[i] ** 2, dynamics.markov_time[i]
-        c = s * tau / (tau + dynamics.smoothing_time)
+        c = smoothed_variance(s, tau, dynamics.smoothing_time)
         left, passed, kept = change[0, i], change[1, i], change[2, i]
         a = dynamics.first_markov + i
         b = a + dynamics.markov_time.shape[0]

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from navsim.ranging.filter import Dynamics, RangeData, RangeNoise
+from navsim.ranging.filter import Dynamics, RangeData, RangeNoise, smoothed_variance
 from navsim.ranging.recording import RangeLog
 from navsim.ranging.scenario import RecordedRanges
 
@@ -181,12 +181,12 @@ class RangeModel:
             if section.bias.growth is not None:
                 p[at + count, at + count] = section.bias.growth.sigma_m**2
         at = np.arange(self.first_markov, self.size - self.smoothed)
-        variance = self.dynamics(settings).markov_sigma ** 2
-        p[at, at] = variance
-        if self.smoothed:
-            driver, last = at[: self.smoothed], np.arange(self.size - self.smoothed, self.size)
-            shared = variance[: self.smoothed] / (1.0 + settings["smoothing_time"] / settings["wander_time"])
-            p[driver, last] = p[last, driver] = p[last, last] = shared
+        dynamics = self.dynamics(settings)
+        p[at, at] = dynamics.markov_sigma**2
+        for i, error in enumerate(at[: self.smoothed]):
+            of = smoothed_variance(p[error, error], dynamics.markov_time[i], dynamics.smoothing_time)
+            last = self.size - self.smoothed + i
+            p[error, last] = p[last, error] = p[last, last] = of
         return p
 
 
