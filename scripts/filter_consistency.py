@@ -22,6 +22,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
+from typing import TypeVar
 
 import matplotlib as mpl
 import measured
@@ -453,9 +454,12 @@ def most_runs(rows: Sequence[Row], least: bool = False) -> list[Row]:
     return list(best.values())
 
 
-def span(values: Sequence[object]) -> str:
+Value = TypeVar("Value", int, str)
+
+
+def span(values: Sequence[Value]) -> str:
     """The smallest and the largest of values, or the only one."""
-    return " to ".join(dict.fromkeys(map(str, (min(values), max(values)))))  # type: ignore[type-var]
+    return " to ".join(dict.fromkeys(map(str, (min(values), max(values)))))
 
 
 def _mean(of_runs: np.ndarray) -> tuple[float, float]:

@@ -137,8 +137,8 @@ def expected_turn(imu, cursor, until, nav):
 
 
 @kernel
-def _bend(nav, axes, out):
-    """Share of the second order in errors of gyro biases, and out (3, 3): they are db + (out theta) x db.
+def _second_order_axes(nav, axes, out):
+    """Factor of the second-order term in errors of gyro biases, and out (3, 3): the errors are db + (out theta) x db.
 
     axes (3, 3): work space."""
     share = where(tfg.is_plain(nav), 0.0, where(tfg.has_navigation_axes(nav), 1.0, 0.5))
@@ -150,9 +150,11 @@ def _bend(nav, axes, out):
 
 
 @kernel
-def _carry_over(changes, more, nav, p):
-    """Where `changes`, move nav (NAV,) and P (n, n) by the moments of (more theta) x db, by which errors db of gyro
-    biases grow in other axes. more (3, 3). Exact for Gaussian errors: then it has no covariance with other states."""
+def _add_second_order(changes, more, nav, p):
+    """Where `changes`, add the mean of (more theta) x db to nav (NAV,) and its covariance to P (n, n).
+
+    By this term errors db of gyro biases differ in other axes. more (3, 3). Exact for Gaussian errors: the term then
+    has no covariance with any state."""
     turn, cross = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
     for i in range(3):
         for j in range(3):
@@ -206,7 +208,7 @@ def _set_bias_axes(nav, p, before, dt, axes):
     old, new = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
     copy(q, now)
     copy(before, q)
-    share = _bend(nav, axes, old)
+    share = _second_order_axes(nav, axes, old)
     copy(now, q)
     tfg.bias_axes(nav, axes)
     for i in range(3):
@@ -234,12 +236,12 @@ def _set_bias_axes(nav, p, before, dt, axes):
     held[1] = where(plain, 0.0, where(turns, a * x + b * w + c * z - d * y, where(holds, b, 0.0)))
     held[2] = where(plain, 0.0, where(turns, a * y - b * z + c * w + d * x, where(holds, c, 0.0)))
     held[3] = where(plain, 0.0, where(turns, a * z + b * y - c * x + d * w, where(holds, d, 0.0)))
-    changes = (share != _bend(nav, axes, new)) | (was_turned & no(holds))
+    changes = (share != _second_order_axes(nav, axes, new)) | (was_turned & no(holds))
     if any_lane(changes):
         for i in range(3):
             for j in range(3):
                 new[i, j] -= old[i, j]
-        _carry_over(changes, new, nav, p)
+        _add_second_order(changes, new, nav, p)
 
 
 @kernel

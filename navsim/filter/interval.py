@@ -196,8 +196,8 @@ def transition(sums, mid, phi):
     - `phi`: elements that this function does not write must be zero.
 
     At 60 m/s and an interval of 0.2 s it differs from exp(F T) by 2e-6 in velocity and position per attitude (m/s and m
-    per rad), elsewhere by at most 6e-8 (the vertical gravity gradient in velocity per velocity). Estimated scale
-    factors do not change the effect of sensor states, which neglects 1e-3 of it for scale factors of 1e-3.
+    per rad). Elsewhere it differs by at most 6e-8: the vertical gravity gradient in velocity per velocity. Estimated
+    scale factors do not change the effect of sensor states, which neglects 1e-3 of it for scale factors of 1e-3.
     """
     dt = sums.length[0]
     h = 0.5 * dt * dt

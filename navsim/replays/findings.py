@@ -120,8 +120,10 @@ def failed_prediction(result: Result) -> list[Finding]:
 
 
 def _inconsistent(result: Result, of_positions: bool = True) -> list[Finding]:
-    """Finding of innovations whose squares exceed `LARGEST_NIS` by more than their number explains, where they exceed
-    it most: in which group of fixes, and of positions, velocities or both, since small ones of one hide the other's.
+    """Finding of innovations whose squares exceed `LARGEST_NIS` by more than their number explains.
+
+    It names the group of fixes where they exceed it most. Positions and velocities are also judged alone, since small
+    innovations of one would hide large ones of the other.
 
     `of_flight` reports larger ones for their size alone. of_positions: whether positions are judged by themselves.
     """

@@ -214,8 +214,9 @@ class FilterBank(SeparationDistances):
 
 
 def ground_received(flight: Flight) -> np.ndarray:
-    """Which transmitters on the ground (e, g) bool the filter has a measurement of at its outputs except the first, not
-    older than a cycle of questions or an interval of fixes; (e, 0) without a watch on them."""
+    """Of which transmitters on the ground, (e, g) bool, the filter has a fresh measurement at its outputs except the
+    first; (e, 0) if no monitor watches them. A fresh one is not older than a cycle of questions or an interval of
+    fixes."""
     now, watching, aids = flight.shared.filter_time[1:], flight.watching, flight.shared.aids
     out = np.zeros((now.size, 0 if watching is None else len(watching.ground)), bool)
     for aid, column in zip(aids, columns_on_ground(aids, 0), strict=True) if out.size else ():

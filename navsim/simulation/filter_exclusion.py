@@ -37,9 +37,9 @@ def after_exclusion(
     """Monitor output after exclusions of transmitters on the ground; `errors` of runs with one change in place from the
     alarm on.
 
-    A candidate is excluded for the rest of the run if the filter without it has consistent innovations, and agrees with
-    filters that have fewer measurements still; and if it alone has the first or, of several, alone both. given: fixes,
-    and the ranges and rates (e, s, W) that they are of.
+    A candidate is excluded for the rest of the run if the filter without it passes two tests: its innovations are
+    consistent, and it agrees with filters that have fewer measurements still. If several have consistent innovations,
+    one of them alone must pass the second. given: fixes, and the ranges and rates (e, s, W) that they are of.
     """
     bank, candidates = flight.bank, flight.candidates
     assert isinstance(bank, FilterBank)
