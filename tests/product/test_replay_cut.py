@@ -57,7 +57,7 @@ def test_positions_that_nothing_explains() -> None:
 @pytest.mark.parametrize(
     ("assignments", "expected"),
     [
-        (("start_s=1e6",), "start_s: 1e+06 leaves 0 samples and 0 fixes; needed are 10 and 4 (samples 0.0 to"),
+        (("start_s=1e6",), "start_s: 1000000 leaves 0 samples and 0 fixes; needed are 10 and 4 (samples 0.0 to"),
         (("end_s=2", "checks=off"), "end_s: 2 leaves 100 samples and 3 fixes; needed are 10 and 4"),
         (("end_s=0.3",), "end_s: 0.3 leaves"),
         (("start_s=90", "end_s=91"), "end_s: 91 leaves"),
