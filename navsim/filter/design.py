@@ -99,6 +99,7 @@ class FilterDesign:
     """Model of time-correlated ranging errors, None without."""
     reflections: bool = False
     """The filter knows the size of errors by reflections."""
+    tilt_time: float = 0.0
     flag_sigma: np.ndarray | None = None
     """(5, 3) 1 sigma of fixes by their flag: horizontal axes, height, m, velocity, m/s; nan: not used. None: fixes have
     no state."""
@@ -144,7 +145,7 @@ class FilterDesign:
             self.components if self.kind == GAUSSIAN_SUM else 0, self.split_heading_sigma, clock,
             # without velocities of fixes nothing confirms a line through those of the filter; filters that keep their
             # linearisation already take the corrections of velocity for part of the force
-            self.steady_force and self.velocity and self.kind not in CONSTRAINED,
+            self.steady_force and self.velocity and self.kind not in CONSTRAINED, self.tilt_time,
         )  # fmt: skip
 
     def covariance(self, position: float, velocity: float, attitude: float, scales: Sequence[int] = ()) -> np.ndarray:

@@ -44,7 +44,21 @@ from navsim.filter.range_update import (
 )
 from navsim.filter.receiver_clock import detect_clock_jumps, propagate_clock, reset_clock
 from navsim.filter.records import CONSTRAINED, OUTPUT, PASS, SHIFT_N, TIME_TOLERANCE
-from navsim.filter.states import N_BASE, NAV_BIAS_FRAME, NAV_GYRO, NAV_QUAT, NAV_SENSORS, NAV_VEL, SENSORS, VEL
+from navsim.filter.states import (
+    N_BASE,
+    NAV_BIAS_FRAME,
+    NAV_GYRO,
+    NAV_LLH,
+    NAV_QUAT,
+    NAV_SENSORS,
+    NAV_VEL,
+    PHI_E,
+    PHI_N,
+    R_D,
+    SENSORS,
+    V_D,
+    VEL,
+)
 from navsim.filter.steady_force import (
     begin_interval,
     couple,
@@ -53,7 +67,7 @@ from navsim.filter.steady_force import (
     start_line,
     velocity_of,
 )
-from navsim.filter.strapdown import MID_N, compensated, first_increments, is_mixed, step, unmixing
+from navsim.filter.strapdown import MID_GRAVITY, MID_N, compensated, first_increments, is_mixed, step, unmixing
 from navsim.filter.update import (
     apply_gate,
     count_rejection,
@@ -65,6 +79,9 @@ from navsim.filter.update import (
 
 _NO_NOISE = 1e-30
 """Density of noise of accelerometers that have none, m2/s3: no flight is steady by it."""
+_BEYOND_GAUSSIAN = 3.0
+"""Factor on the variance of the force that tilt errors lose (`add_tilt_loss`): the gate then rejects no fix up to tilt
+errors of 4 sigma."""
 
 
 class PropagationBuffers(NamedTuple):
@@ -241,7 +258,33 @@ def advance(chart, until, imu, model, nav, p, cursor, increments, space):
     from `propagation_buffers`.
     """
     while can_advance(imu, until, cursor):
-        advance_once(chart, until, imu, model, nav, p, cursor, increments, space)
+        if model.tilt_time > 0.0:
+            begin, tilt = cursor[1], small_vector(nav, 3)
+            tilt[0], tilt[1], tilt[2] = p[PHI_N, PHI_N], p[PHI_E, PHI_E], p[PHI_N, PHI_E]
+            advance_once(chart, until, imu, model, nav, p, cursor, increments, space)
+            add_tilt_loss(nav, p, tilt, space.mid[MID_GRAVITY], cursor[1] - begin, model.tilt_time)
+        else:
+            advance_once(chart, until, imu, model, nav, p, cursor, increments, space)
+
+
+@kernel
+def add_tilt_loss(nav, p, tilt, gravity, dt, time):
+    """Add the vertical force that a tilt error loses in dt (s), to second order: gravity times half its square.
+
+    tilt (3,): variances of the tilt errors about north and east and their covariance, rad2. nav (NAV,) moves by the
+    mean. P (n, n) grows by three times the covariance: with equal variances the loss is exponential, so a Gaussian of
+    its own covariance would be too narrow far out. The tilt error stays the same for `time` (s), until fixes show it; a
+    white noise gives the velocity the same variance at that time. Source: `docs/theory/filter.md`, section 3.
+    """
+    n, e, both = tilt[0], tilt[1], tilt[2]
+    mean, variance = 0.5 * gravity * (n + e), 0.5 * gravity * gravity * (n * n + e * e + 2.0 * both * both)
+    density = _BEYOND_GAUSSIAN * variance * time
+    nav[NAV_VEL + 2] += mean * dt
+    nav[NAV_LLH + 2] -= 0.5 * mean * dt * dt
+    p[V_D, V_D] += density * dt
+    p[R_D, R_D] += density * dt * dt * dt / 3.0
+    p[R_D, V_D] += 0.5 * density * dt * dt
+    p[V_D, R_D] += 0.5 * density * dt * dt
 
 
 @kernel

@@ -154,6 +154,9 @@ class FilterModel(NamedTuple):
     """Receiver clock of a tightly coupled filter."""
     steady_force: bool = False
     """Attitude errors rotate only the steady part of the specific force (`steady_force`)."""
+    tilt_time: float = 0.0
+    """Time after which fixes have shown a large tilt error, s. Until then it loses vertical force
+    (`filter_loop.add_tilt_loss`). 0: the loss is negligible."""
 
     @property
     def states(self) -> int:

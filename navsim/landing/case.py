@@ -15,6 +15,7 @@ from navsim.filter.design import FilterDesign, gate_limits
 from navsim.filter.estimate import FILTER_KINDS
 from navsim.filter.measurement_kinds import MAGNETIC, SOURCE
 from navsim.filter.states import Block
+from navsim.geodesy.earth import STANDARD_GRAVITY
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.fix_states import FIXED
 from navsim.gnss.interference.horizon import behind
@@ -50,6 +51,10 @@ from navsim.trajectory.kinematics import Moving
 PERCENTILES = (50, 95, 99)
 MOVING = slice(states.POS, states.ATT)
 """States of position and velocity."""
+_VERTICAL_DILUTION = 2.0
+"""Vertical dilution of precision of a usual sky."""
+_SMALL = 2.0
+"""Vertical error of the inertial navigation, in 1 sigma of a fix, below which it is small after three fixes."""
 MAX_GAP_S = 2.0
 """Longest time without fixes in which errors stay of first order, s."""
 MAX_CHANCE_REJECTIONS = 0.01
@@ -355,9 +360,25 @@ def _filter_design(scenario: Landing, shared: SharedTruth) -> tuple[FilterDesign
         clock=(section.clock or scenario.receiver.clock or ClockNoise()).densities() if section.tight else None,
         correlated=correlated,
         reflections=section.fix_errors != "none",
+        tilt_time=_tilt_time(scenario, initial.attitude),
         flag_sigma=_flag_sigma(scenario),
     )
     return design, initial
+
+
+def _tilt_time(scenario: Landing, sigma: float) -> float:
+    """`FilterModel.tilt_time`, s, of a filter that starts with this 1 sigma of tilt, rad.
+
+    Three fixes show a tilt error. 0 if what it loses until then is small beside the errors of a fix."""
+    time, its, flagged = 3.0 / scenario.receiver.rate_hz, scenario.signals, _flag_sigma(scenario)
+    height, speed = _VERTICAL_DILUTION * its.range_sigma_m, _VERTICAL_DILUTION * its.range_rate_sigma_m_s
+    if flagged is not None:
+        _, height, speed = np.nanmin(flagged, axis=0)
+    force = STANDARD_GRAVITY * sigma**2
+    small = 0.5 * force * time**2 < _SMALL * height
+    if scenario.filter.velocity:
+        small &= force * time < _SMALL * speed
+    return 0.0 if small else time
 
 
 def _flag_sigma(scenario: Landing) -> np.ndarray | None:
