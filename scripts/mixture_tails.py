@@ -39,9 +39,9 @@ from navsim.filter.records import (
 from navsim.filter.states import N_BASE, NAV_BIAS_FRAME, NAV_LLH, NAV_QUAT, NAV_SENSORS, NAV_VEL, PHI_D
 from navsim.landing.study import Case
 from navsim.simulation.flight import initial_estimate, initial_state, with_clock
-from navsim.simulation.landing import draw
 from navsim.simulation.measurement_tables import measurements, table_of_all_fixes
 from navsim.simulation.measurements import receiver_fixes
+from navsim.simulation.run_inputs import draw
 
 SAMPLES = 999
 """Samples of each mixture. A true one has all of them below the truth in 1 of 1000 cases."""

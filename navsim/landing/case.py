@@ -41,8 +41,9 @@ from navsim.simulation.first_order import FirstOrder, position_covariance
 from navsim.simulation.flight import Flight, InitialErrors
 from navsim.simulation.flight import prepare as prepare_flight
 from navsim.simulation.inertial_states import followed, gains_that_matter
-from navsim.simulation.landing import Pushes, fly_runs
+from navsim.simulation.landing import fly_runs
 from navsim.simulation.run import Run
+from navsim.simulation.run_inputs import Pushes
 from navsim.simulation.shared_truth import SharedTruth, build_shared_truth
 from navsim.simulation.transmitter_errors import TransmitterBelief
 from navsim.trajectory.approach import TOUCHDOWN

@@ -59,8 +59,9 @@ from navsim.simulation.importance_sampling import (
     proposal_shifts,
     shift_inputs,
 )
-from navsim.simulation.landing import LOOP_TOLERANCE, draw, fly_inputs
+from navsim.simulation.landing import LOOP_TOLERANCE, fly_inputs
 from navsim.simulation.landing_covariance import analyse
+from navsim.simulation.run_inputs import draw
 from navsim.simulation.sensitivity import sensitivity
 from navsim.statistics.importance_sampling import FEW
 

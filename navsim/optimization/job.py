@@ -14,6 +14,7 @@ from navsim.optimization.evaluator import COARSE, FULL
 from navsim.optimization.flatness import MAP_POINTS
 from navsim.optimization.problem import PENALTY_REQUIREMENT, PlacementProblem, load_of, problem
 from navsim.optimization.progress import PREPARING, SearchMonitor, SearchProgress
+from navsim.optimization.result import optimize_result
 from navsim.optimization.scenario import DOP_OBJECTIVES, Optimize
 from navsim.optimization.search_log import SearchLog
 from navsim.optimization.site_choice import CHUNK
@@ -101,7 +102,7 @@ class OptimizeJob:
         with executor.pool(executor.workers) as pool:
             away = pool if isinstance(pool, RemoteExecutor) else None
             found = optimize.solve(self.posed, self.options.seed, self._watch, SearchLog(store), away, self._runs)
-        result = optimize.optimize_result(self.posed, found, self.options.seed)
+        result = optimize_result(self.posed, found, self.options.seed)
         interrupted = found.stopped == optimize.INTERRUPTED
         why = "interrupted" if interrupted else f"time limit of {self.options.time_limit:g} s" if found.stopped else ""
         if why:

@@ -20,9 +20,9 @@ from navsim.filter.states import MAX_MEASUREMENT_SIZE
 from navsim.simulation.aiding import Aid
 from navsim.simulation.along_truth import AlongTruth, along_truth
 from navsim.simulation.flight import Flight, exact_clock
-from navsim.simulation.landing import Inputs
 from navsim.simulation.landing_covariance import analyse, systematic
 from navsim.simulation.measurements import without_noise
+from navsim.simulation.run_inputs import Inputs
 from navsim.simulation.shared_truth import SharedTruth
 
 

@@ -34,7 +34,7 @@ from navsim.gnss.fix_states import FixStates, StateHistory
 from navsim.simulation.along_truth import along_truth
 from navsim.simulation.dispersed_trajectory import Dispersion
 from navsim.simulation.flight import Flight
-from navsim.simulation.landing import Inputs, draw, draw_states
+from navsim.simulation.run_inputs import Inputs, draw, draw_states
 from navsim.simulation.sensitivity import Slopes, by_scale, carried, deviations, of_aid, of_states, sensitivity
 from navsim.statistics import normal
 from navsim.statistics.importance_sampling import LEAST

@@ -28,8 +28,8 @@ from navsim.sensors.imu import Triad
 from navsim.simulation.aiding import Aid
 from navsim.simulation.along_truth import AlongTruth
 from navsim.simulation.flight import Flight
-from navsim.simulation.landing import Inputs
 from navsim.simulation.measurements import CARRIER_SIGMA, expected_measurements
+from navsim.simulation.run_inputs import Inputs
 from navsim.simulation.shared_truth import SharedTruth
 
 
@@ -37,7 +37,7 @@ from navsim.simulation.shared_truth import SharedTruth
 class Slopes:
     """Slopes of K errors by all random inputs of a landing, or K directions in these inputs.
 
-    Arrays are those of `simulation.landing.Inputs` with K first.
+    Arrays are those of `simulation.run_inputs.Inputs` with K first.
     """
 
     initial: np.ndarray

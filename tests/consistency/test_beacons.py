@@ -14,7 +14,8 @@ from navsim.landing.integrity import level_warnings, tally
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.notes import labelled
 from navsim.runner.executor import threads
-from navsim.simulation.landing import draw, fly_inputs
+from navsim.simulation.landing import fly_inputs
+from navsim.simulation.run_inputs import draw
 from tests.consistency.test_watched_filters import AXES, bank_of, differences
 from tests.consistency.test_watched_filters import weighed as given_to_bank
 from tests.helpers import case, in_brief

@@ -29,9 +29,9 @@ from navsim.landing.case import Case
 from navsim.landing.study import fly_all
 from navsim.runner.executor import threads
 from navsim.simulation.flight import initial_estimate, initial_state, with_clock
-from navsim.simulation.landing import draw
 from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
 from navsim.simulation.measurements import receiver_fixes
+from navsim.simulation.run_inputs import draw
 from tests.helpers import case, in_brief
 
 SEED = 3821

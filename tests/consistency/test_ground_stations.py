@@ -12,7 +12,8 @@ from navsim.integrity import monitoring
 from navsim.landing.integrity import tally
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.runner.executor import threads
-from navsim.simulation.landing import draw, fly_inputs
+from navsim.simulation.landing import fly_inputs
+from navsim.simulation.run_inputs import draw
 from tests.helpers import case, in_brief
 
 ILS = ("azimuth_station.bends_time_s=3", "dme.bends_m=10", "elevation_station.latency_s=0.1")

@@ -16,8 +16,7 @@ from navsim.landing.ensemble import LandingStudy
 from navsim.landing.study import Case
 from navsim.results.result import read
 from navsim.scenario_files.source import InputError
-from navsim.simulation import landing as simulation
-from navsim.simulation import measurements
+from navsim.simulation import measurements, run_inputs
 from navsim.simulation.run import MonitorOutput
 from navsim.statistics.random_streams import generator
 from tests.helpers import SCENARIOS, case
@@ -132,7 +131,7 @@ def test_heavier_noise_is_the_believed_one_wider_here_and_there() -> None:
         np.testing.assert_allclose(ratio[sure], np.where(is_tail, TAIL, CORE)[sure], rtol=1e-5)
         wide += int(is_tail.sum())
     assert within_99(wide, 20 * int(used.sum()), SHARE)
-    together = simulation.draw(heavier.flight, 20264, [0, 1, 2]).ranges
+    together = run_inputs.draw(heavier.flight, 20264, [0, 1, 2]).ranges
     np.testing.assert_array_equal(together[..., 2], measurements.measured(heavier.shared, 20264, 2)[0])
 
 

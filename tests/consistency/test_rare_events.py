@@ -16,7 +16,7 @@ from navsim.landing.study import Case, covariance_analysis, covariance_result, f
 from navsim.runner.executor import threads
 from navsim.runner.statistics import share_interval, weighted_share
 from navsim.simulation.importance_sampling import proposal, shift_inputs
-from navsim.simulation.landing import draw
+from navsim.simulation.run_inputs import draw
 from tests.helpers import case
 
 LINEAR = (

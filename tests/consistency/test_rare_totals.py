@@ -23,9 +23,9 @@ from navsim.runner.executor import threads
 from navsim.runner.statistics import weighted_share
 from navsim.simulation.along_truth import along_truth
 from navsim.simulation.importance_sampling import PushedRuns
-from navsim.simulation.landing import draw
 from navsim.simulation.landing_covariance import analyse
 from navsim.simulation.measurements import smoothed
+from navsim.simulation.run_inputs import draw
 from navsim.statistics.importance_sampling import FEW
 from tests.consistency.test_rare_events import LINEAR
 from tests.helpers import case

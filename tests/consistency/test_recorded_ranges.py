@@ -27,7 +27,7 @@ from navsim.runner.executor import threads
 from navsim.scenario.load import read, read_replay
 from navsim.scenario_files.presets import SENSOR_CLASSES
 from navsim.scenario_files.source import InputError
-from navsim.simulation.landing import draw
+from navsim.simulation.run_inputs import draw
 from navsim.statistics import chi_square
 from navsim.trajectory.kinematics import Motion
 from tests.helpers import case

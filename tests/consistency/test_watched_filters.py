@@ -21,7 +21,8 @@ from navsim.scenario_files.source import InputError
 from navsim.simulation import landing as simulation
 from navsim.simulation.filter_bank import LEAST, FilterBank
 from navsim.simulation.flight import Flight
-from navsim.simulation.landing import draw, fly_inputs
+from navsim.simulation.landing import fly_inputs
+from navsim.simulation.run_inputs import draw
 from navsim.statistics import chi_square
 from tests.consistency.test_tight_landings import flown, silence
 from tests.helpers import case, in_brief

@@ -20,9 +20,10 @@ from navsim.optimization.placement import RunwayPlane, _polygons
 from navsim.optimization.problem import PlacementProblem, problem
 from navsim.optimization.progress import SearchMonitor, SearchProgress
 from navsim.optimization.report import front, tables
+from navsim.optimization.result import optimize_result
 from navsim.optimization.scenario import Optimize
 from navsim.optimization.search_log import SearchLog
-from navsim.optimization.study import SearchOutcome, optimize_result, solve
+from navsim.optimization.study import SearchOutcome, solve
 from navsim.report.table import Table
 from navsim.results.findings import of
 from navsim.results.result import Result

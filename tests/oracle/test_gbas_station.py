@@ -16,8 +16,9 @@ from navsim.integrity.sbas_gbas import gbas_factors
 from navsim.landing.study import Case
 from navsim.results.result import read
 from navsim.scenario_files.source import InputError
-from navsim.simulation.landing import draw, fly_inputs
+from navsim.simulation.landing import fly_inputs
 from navsim.simulation.measurements import correlated_errors, generators
+from navsim.simulation.run_inputs import draw
 from tests.conftest import Within
 from tests.helpers import SCENARIOS, case
 from tests.layout import as_declared

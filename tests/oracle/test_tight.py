@@ -24,9 +24,9 @@ from navsim.gnss.receiver import wander
 from navsim.gnss.sky import unit_vector
 from navsim.landing.study import Case, covariance_analysis
 from navsim.simulation.flight import exact_clock
-from navsim.simulation.landing import draw
 from navsim.simulation.measurement_tables import table_of_fixes, table_of_ranges
 from navsim.simulation.measurements import receiver_fixes, without_noise
+from navsim.simulation.run_inputs import draw
 from tests.conftest import DATA, Within
 from tests.helpers import case
 

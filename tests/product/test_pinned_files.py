@@ -11,6 +11,7 @@ import pytest
 
 from navsim.optimization import problem as objective
 from navsim.optimization import study as optimize
+from navsim.optimization.result import optimize_result
 from navsim.optimization.scenario import Optimize
 from navsim.runner.checkpoint import CheckpointError
 from navsim.runner.executor import threads
@@ -118,7 +119,7 @@ def test_the_keep_out_file_is_pinned(tmp_path: Path) -> None:
     path = tmp_path / "study.yaml"
     path.write_text(text)
     here = objective.problem(*read_study(path, Optimize, []))
-    stored = optimize.optimize_result(here, optimize.solve(here, 1), 1).attributes["study"]
+    stored = optimize_result(here, optimize.solve(here, 1), 1).attributes["study"]
     assert f"keep_out_sha256: {checksum}" in str(stored)
     path.write_text(text + f"  keep_out_sha256: {'f' * 64}\n")
     with pytest.raises(InputError, match=f"keep.json has the checksum {checksum}, not this one"):

@@ -25,8 +25,9 @@ from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.optimization.job import OptimizeJob
 from navsim.optimization.problem import problem
 from navsim.optimization.report import tables
+from navsim.optimization.result import dop_warnings, masts_above_glide, optimize_result, worse_than_base
 from navsim.optimization.scenario import Optimize
-from navsim.optimization.study import dop_warnings, masts_above_glide, optimize_result, solve, worse_than_base
+from navsim.optimization.study import solve
 from navsim.report.table import Table
 from navsim.results.result import read
 from navsim.results.schema import HEIGHTS

@@ -11,9 +11,10 @@ from navsim.compiler.lanes import WIDTH
 from navsim.landing.study import Case
 from navsim.simulation.along_truth import along_truth
 from navsim.simulation.first_order import FirstOrder
-from navsim.simulation.landing import draw, fly
+from navsim.simulation.landing import fly
 from navsim.simulation.landing_covariance import analyse
 from navsim.simulation.measurements import smoothed
+from navsim.simulation.run_inputs import draw
 from navsim.simulation.sensitivity import deviations
 from tests.helpers import case
 from tests.unit.test_sensitivity import CASES, ready

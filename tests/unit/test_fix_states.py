@@ -17,7 +17,8 @@ from navsim.landing.study import fly_all
 from navsim.report.summary_tables import summary_table
 from navsim.runner.executor import threads
 from navsim.scenario_files.source import InputError
-from navsim.simulation.landing import draw, fly
+from navsim.simulation.landing import fly
+from navsim.simulation.run_inputs import draw
 from tests.conftest import Within
 from tests.helpers import case, scenario
 from tests.layout import as_declared

@@ -14,9 +14,10 @@ from navsim.gnss.dll import smooth, smoothed_variance, smoothing_slopes
 from navsim.landing.study import Case
 from navsim.simulation.along_truth import AlongTruth, along_truth
 from navsim.simulation.flight import Flight
-from navsim.simulation.landing import Inputs, draw, fly_inputs
+from navsim.simulation.landing import fly_inputs
 from navsim.simulation.landing_covariance import analyse
 from navsim.simulation.measurements import expected_measurements
+from navsim.simulation.run_inputs import Inputs, draw
 from navsim.simulation.sensitivity import Slopes, carried, deviations, sensitivity
 from tests.helpers import case, in_brief
 
