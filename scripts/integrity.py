@@ -68,6 +68,7 @@ FEW = ((5, 0), (5, 1), (5, 2), (6, 0), (7, 0))
 MOST = 4
 """Subsets of satellites for each: a filter takes a second."""
 
+
 def monitoring() -> list[str]:
     made = {
         (fault, name): summary(*monitor, *events)
@@ -95,6 +96,7 @@ def monitoring() -> list[str]:
     right = "[right](integrity.md#choose-fault-priors). All other levels on this page have the default, 1: too low."
     return [*lines, "", f"{told} {right}"]
 
+
 def false_alarms() -> list[str]:
     lines = [
         "False alarms in the cases that [integrity](integrity.md#monitor-the-filter) warns of, 20 runs:",
@@ -108,6 +110,7 @@ def false_alarms() -> list[str]:
         lines.append(row(label, count(found["alarms"]), count(found["tested"]), beyond))
     text = "Fixes with an alarm don't count as beyond their level: 0 shows no bound where most epochs have an alarm."
     return [*lines, "", text]
+
 
 def innovations() -> list[str]:
     lines = [
@@ -128,6 +131,7 @@ def innovations() -> list[str]:
             lines.append(row(f"{before}{name}", window, *cells))
     return lines
 
+
 def priors() -> list[str]:
     lines = [
         "## Levels after an exclusion",
@@ -143,6 +147,7 @@ def priors() -> list[str]:
         lines.append(row(label, *cells))
     return lines
 
+
 def risks() -> list[str]:
     lines = [
         "## The risk behind a level",
@@ -155,6 +160,7 @@ def risks() -> list[str]:
         level, whole, allowed, none, worst = measured.kept(("risk", setting), functools.partial(risk, setting))
         lines.append(row(label, f"{level:.2f}", *(f"{value:.1e}" for value in (whole, allowed, none)), worst))
     return lines
+
 
 def risk(setting: str) -> list[Any]:
     """Of the vertical level at a time: the level, m, its risk, what is allowed, the risk without a fault, the worst."""
@@ -172,6 +178,7 @@ def risk(setting: str) -> list[Any]:
         float(risks[0]),
         told,
     ]
+
 
 def few() -> list[str]:
     """Levels of fixes by number of sources, and those of filters."""
@@ -216,10 +223,12 @@ def few() -> list[str]:
         "the levels exceed a kilometre.",
     ]
 
+
 def few_by_fixes() -> dict[str, Any]:
     case = prepare(*read(measured.ROOT / "scenarios" / "landing.yaml", (WIDE,)))
     found, _ = integrity_table.cells(integrity_table.watched(case), SEED, lambda _: None)
     return {"shares": found[..., :2].tolist(), "levels": found[..., 2:].tolist()}
+
 
 def few_by_filters() -> list[list[float]]:
     case = prepare(*read(measured.ROOT / "scenarios" / "landing.yaml", (SEPARATED,)))
@@ -229,6 +238,7 @@ def few_by_filters() -> list[list[float]]:
         found = [here.judged(np.concatenate([some, here.pseudolites[:added]])) for some in chosen]
         out.append(np.median(found, axis=0).tolist())
     return out
+
 
 def probe() -> measured.Probe:
     """Counts and levels of the monitored filter, of the test of innovations, and a residual risk."""
@@ -242,7 +252,9 @@ def probe() -> measured.Probe:
     out["innovations"] = summary(WINDOWED % 10, SPOOFED, runs=runs)["integrity"]["innovation_share"]
     return out
 
+
 PAGE = measured.Page("integrity-measured.md", "integrity", (SEED,), probe)
+
 
 def main() -> None:
     """Fly every case and write the tables."""
@@ -255,6 +267,7 @@ def main() -> None:
     for section in (monitoring, false_alarms, innovations, priors, risks, few):
         lines += ["", *section()]
     PAGE.write(lines, begun)
+
 
 if __name__ == "__main__":
     main()

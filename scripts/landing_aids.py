@@ -41,9 +41,11 @@ CASES: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Systems, and what they set in landing_ils.yaml."""
 
+
 def prepared(name: str) -> Case:
     """The approach by a system."""
     return prepare(*read(ROOT / "scenarios" / "landing_ils.yaml", CASES[name]))
+
 
 def row(name: str) -> str:
     """The table's line of a system: percentiles of runs at the heights, RMS over that of the covariance analysis."""
@@ -59,11 +61,14 @@ def row(name: str) -> str:
     sizes = [f"{size:.3g}" for axis in cells for size in axis]
     return measured.row(name, *sizes, "yes" if good else "no", f"{ratios.min():.2f} to {ratios.max():.2f}")
 
+
 def probe() -> measured.Probe:
     """Some rows of the table."""
     return {name: measured.flown(prepared(name), SEED) for name in ("MLS, DME/P", "GPS, two pseudolites")}
 
+
 PAGE = measured.Page("landing-aids-measured.md", "landing_aids", (SEED,), probe)
+
 
 def main() -> None:
     """Fly every system and write the table."""
@@ -85,6 +90,7 @@ def main() -> None:
         "Pseudolites: 1000 m before the threshold, 200 m to each side, synchronised to 1 ns, surveyed to 0.05 m.",
     ]
     PAGE.write(lines, begun)
+
 
 if __name__ == "__main__":
     main()

@@ -139,8 +139,10 @@ def fly(grade: str, name: str, seed: int) -> dict[str, Any]:
         "nees": nees,
         "rejected": [int(found["/summary/count/rejected"]), int(np.sum(used > 0))],
         "tuned": {key: float(found[f"/tuning/{path}"]) / drawn[key] for key, path in NUMBERS.items()},
-        "told": {key: "determined" in str(found.variables[f"/tuning/{path}"].attributes["origin"])
-                 for key, path in NUMBERS.items()},
+        "told": {
+            key: "determined" in str(found.variables[f"/tuning/{path}"].attributes["origin"])
+            for key, path in NUMBERS.items()
+        },
         "latency": float(found["/tuning/latency"]) - drawn["latency"],
         "findings": [f.text for f in of(found)],
     }
@@ -166,8 +168,10 @@ def table() -> list[str]:
     nees, rejected, used, ratios, told = (np.array(part) for part in zip(*every, strict=True))
     near = np.abs(np.log(ratios)) < np.log(WITHIN)
     cells = [*(f"{x:.2f}" for x in np.median(nees, axis=0)), f"{rejected.sum()} of {used.sum()}"]
-    cells += [f"{100.0 * one:.0f} % within {WITHIN:g}, {100.0 * both:.0f} % or told" for one, both in
-              zip(near.mean(axis=(0, 1)), (near | told).mean(axis=(0, 1)), strict=True)]
+    cells += [
+        f"{100.0 * one:.0f} % within {WITHIN:g}, {100.0 * both:.0f} % or told"
+        for one, both in zip(near.mean(axis=(0, 1)), (near | told).mean(axis=(0, 1)), strict=True)
+    ]
     return [*lines, measured.row("median, total, shares", *cells, "")]
 
 

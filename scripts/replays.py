@@ -31,7 +31,7 @@ SOURCES = [
     "",
     "| recording | source | reference |",
     "|---|---|---|",
-    "| `fw_thor75` | flight 75 of the UAV \"Thor\" (Ultra Stick 25e class), UAV Lab of the University of Minnesota, "
+    '| `fw_thor75` | flight 75 of the UAV "Thor" (Ultra Stick 25e class), UAV Lab of the University of Minnesota, '
     "2012-10-10, from the repository NorthStarUAS/insgnss_tools on GitHub (MIT licence); IMU 50 Hz, fixes 1 Hz | the "
     "onboard INS/GPS filter of 15 states, which uses the same sensors |",
     "| `comma2k19_ex1` | Example_1, segment 40, of commaai/comma2k19 on GitHub (MIT licence; arXiv 1812.05752); IMU "
