@@ -250,17 +250,11 @@ class BeaconsSection(AidingSection):
         return self.model_copy(update=given)
 
     def _check_events(self, landing: Landing) -> None:
-        """Raise for names that events or monitors cannot tell apart, and for events that two-way ranges do not have."""
-        from navsim.gnss.events import BEACONS, EVERY, PSEUDOLITES
+        """Raise for events that two-way ranges do not have."""
+        from navsim.gnss.events import BEACONS
 
-        names = self.names()
-        for i, name in enumerate(names):
-            told = landing.events or landing.integrity is not None
-            if told and name in (BEACONS, PSEUDOLITES, EVERY, *landing.pseudolites.names()):
-                text = f"'{name}' names other sources, too: events and integrity need a name for each"
-                raise reject(text, "beacons", "sites", i)
         for i, event in enumerate(landing.events):
-            if not set(event.sources) & {BEACONS, *names}:
+            if not set(event.sources) & {BEACONS, *self.names()}:
                 continue
             if event.what == "meacon":
                 raise reject("meacon is of satellites and pseudolites; use spoof or step", "events", i, "what")

@@ -196,12 +196,8 @@ class InterferenceSection(Section):
                 raise reject("overlaps another band: a carrier would be in both", "front_end_mhz", i)
         return self
 
-    def check_pseudolites(self, names: tuple[str, ...], known: bool) -> None:
-        """Raise for pseudolites of these names that cannot jam; known: whether it is how strong they are at any
-        distance."""
-        for i, jammer in enumerate(self.jammers):
-            if jammer.name in names:
-                raise reject(f"{jammer.name!r} is a pseudolite", "jammers", i, "name")
+    def check_pseudolites(self, count: int, known: bool) -> None:
+        """Raise for pseudolites that cannot jam; known: whether it is how strong they are at any distance."""
         if self.pseudolites is None:
             return
         if not known:
@@ -210,7 +206,7 @@ class InterferenceSection(Section):
                 "where cn0_dbhz is meant"
             )
             raise reject(text, "pseudolites")
-        self.check_turns(len(names))
+        self.check_turns(count)
 
     def check_turns(self, count: int) -> None:
         """Raise for more pseudolites than can take turns."""

@@ -54,6 +54,7 @@ from navsim.scenario.runway import Runway
 from navsim.scenario.signals import ClockNoise, ReceiverSection, SignalsSection
 from navsim.scenario.site_clearance import check_sites
 from navsim.scenario.sky import Sky
+from navsim.scenario.source_names import check_source_names
 from navsim.scenario.terrain import TerrainSection, terrain_of
 from navsim.scenario_files.base import DEG, EndTime, KeyedError, ListOf, Section, Utc, Version, reject
 
@@ -170,6 +171,7 @@ class Landing(Section):
             given = getattr(self.filter.imu, sensor)
             if given is not None:
                 assumed_sensor(getattr(self.imu, sensor), given).check(self.imu.rate_hz, "filter", "imu", sensor)
+        check_source_names(self)
         self._checked_aiding()
         check_correlated(self)
         if self.signals.system_offset_sigma_ns > 0.0 and not self.receiver.single_clock:
@@ -222,7 +224,7 @@ class Landing(Section):
                     raise reject(text, "integrity", "tails", "at_s", i)
         if self.interference is not None:
             try:
-                self.interference.check_pseudolites(self.pseudolites.names(), self.pseudolites.strength_known)
+                self.interference.check_pseudolites(len(self.pseudolites.names()), self.pseudolites.strength_known)
             except KeyedError as error:
                 raise reject(str(error), "interference", *error.path) from None
         if self.box is not None and self.box.error != "navigation" and self.air() is None:

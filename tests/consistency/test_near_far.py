@@ -291,7 +291,7 @@ RIDGE = {"ends": [PLACE, {"lat_deg": 56.04, "lon_deg": 37.0}], "height_m": 30}
         ({"pseudolites": {"pulses": {}, "lines": True}}, STRENGTH, "pseudolites.lines: are of whole codes"),
         ({"pseudolites": {"pulses": {"correlation": "gate"}}}, STRENGTH, "did you mean 'gated'?"),
         ({"pseudolites": {"pulse": {}}}, STRENGTH, "did you mean 'pulses'?"),
-        ({"jammers": [TONE | {"name": "PL2"}]}, (), "interference.jammers.0.name: 'PL2' is a pseudolite"),
+        ({"jammers": [TONE | {"name": "PL2"}]}, (), "'PL2' is also the name of a pseudolite"),
         ({"jammers": [TONE | {"sweep_s": 1}]}, (), "jammers.0.sweep_s: is for `waveform: sweep`, not for `tone`"),
         ({"pseudolites": {}, "horizon": [RIDGE]}, STRENGTH, "interference.horizon: hides jammers, and there are none"),
         ({"jammers": [TONE], "horizon": [{"height_m": 3}]}, (), "horizon.0: give either ends and height_m"),

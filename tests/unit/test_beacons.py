@@ -168,9 +168,6 @@ def test_events_of_beacons() -> None:
         (["events=[{what: spoof, sources: [beacons], clock_m: 9}]"], "clock_m: two-way ranges have no clock"),
         (["events=[{what: meacon, sources: [B1], place: {lat_deg: 56, lon_deg: 37}}]"], "use spoof or step"),
         (["events=[{what: silence, sources: [B9]}]"], "'B9' is not a source"),
-        (["events=[{what: silence, sources: [PL1]}]", section(sites="{name: PL1, s_m: 300, l1_m: 9}")],
-         "names other sources, too"),
-        (["integrity={method: filter}", section(sites="{name: PL1, s_m: 300, l1_m: 9}")], "names other sources, too"),
         ([section("carrier_mhz: 1580"), "interference={jammers: [{name: J, place: {lat_deg: 56, lon_deg: 37}, "
           "eirp_dbw: 5, waveform: noise, bandwidth_mhz: 20}]}"], "1580 MHz is in the band of J"),
         (["filter.beacons={clock: {}}"], "two-way ranges have no clock"),
