@@ -10,6 +10,7 @@ from navsim.integrity.gbas_station import GbasStation
 from navsim.integrity.innovations import InnovationTest
 from navsim.integrity.monitoring import ExpectedFault, Monitoring
 from navsim.integrity.residuals import ChiSquareTest
+from navsim.scenario.ground_stations import StationSection
 from navsim.scenario.integrity import GroundGroup, IntegritySection, transmitter_prior
 from navsim.scenario.landing import Landing
 from navsim.scenario_files.base import DEG
@@ -25,12 +26,13 @@ def watching(scenario: Landing, sources: SignalScenario) -> Monitoring | None:
     of_filter = section.method == "filter"
     ground = scenario.ground_names() if of_filter else ()
     beacons = () if scenario.beacons is None or not of_filter else scenario.beacons.names()
-    stations = tuple(name for name in ground if name not in beacons)
+    sections = scenario.aiding_sections().values() if of_filter else ()
+    stations = {one.name: one.nominal_bias(scenario) for one in sections if isinstance(one, StationSection)}
     systems = _systems(sources)
     # satellites that are not to be used are among the signals all the same
     nominal = {name: section.b_nom_m for of_group, _ in _satellites(sources) for name in of_group}
     nominal |= dict.fromkeys(names, section.b_nom_pseudolite_m) | dict.fromkeys(beacons, section.b_nom_beacon_m)
-    nominal |= dict.fromkeys(stations, 0.0)  # the filter's states have their biases
+    nominal |= stations
     drops, asked = section.on_alarm == "drop", section.innovations
     innovations = None if asked is None else InnovationTest(asked.window_s, asked.p_fa)
     if section.method == "chi2":

@@ -175,6 +175,11 @@ class StationSection(AidingSection):
         """SI units of a measurement in a unit of the keys of its errors."""
         return 1.0
 
+    def nominal_bias(self, landing: Landing) -> float:
+        """Bound of its bias without a fault that levels allow for, rad or m."""
+        assert landing.integrity is not None
+        return self.scale(landing) * float(getattr(landing.integrity, f"b_nom_{self.name}_{self.size}"))
+
     def limits(self, landing: Landing) -> tuple[float, float]:
         """Smallest and largest measurement, rad or m."""
         return 0.0, math.inf

@@ -39,6 +39,9 @@ def idle_keys(scenario: Landing) -> list[str]:
          "satellites of a file, which says whether they are healthy"),
         (not isinstance(scenario.approach, PadApproach) or scenario.wind.turbulence is not None, "wind", scenario.wind,
          ("speed_m_s", "levels"), "another `approach.profile` than pad, which keeps course and attitude in any wind"),
+        *((getattr(scenario, name) is not None, "integrity", scenario.integrity, (f"b_nom_{name}_{unit}",), f"`{name}`")
+          for name, unit in (("azimuth_station", "m"), ("elevation_station", "deg"), ("dme", "m"))
+          if scenario.integrity is not None),
         *(() if beacons is None else ((jammed and beacons.bandwidth_mhz is not None, "beacons", beacons,
                                        ("bandwidth_mhz", "noise_figure_db"), of_jamming),)),
     )  # fmt: skip

@@ -143,7 +143,7 @@ class GroundStationSection(Section):
     """glide path angle of the form; null: approach.glide_slope_deg"""
     approach_service: Literal["C", "D"] = "C"
     """GBAS approach service type (GAST). D adds D_L and D_V, the differences between positions from ranges smoothed
-    over 30 s and over 100 s, and is for drawn B values"""
+    over 30 s and over 100 s (unverified: that levels are these sums), and is for drawn B values"""
 
     @model_validator(mode="after")
     def _bounded(self) -> Self:
@@ -238,6 +238,13 @@ class IntegritySection(Section):
     """bound of the bias of a pseudolite's range without a fault"""
     b_nom_beacon_m: Bias = 0.25
     """filter: bound of the bias of a beacon's range without a fault, beyond the biases that the filter estimates"""
+    b_nom_azimuth_station_m: Bias = 0.0
+    """filter: bound of the bias of the azimuth station without a fault, at the threshold, beyond the bias and bends
+    that the filter estimates; also the next two"""
+    b_nom_elevation_station_deg: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
+    """filter: that of the elevation station"""
+    b_nom_dme_m: Bias = 0.0
+    """filter: that of the DME"""
     sigma_ratio_acc: Annotated[float, Field(ge=0.01, le=1.0)] = 1.0
     """1 sigma of the ranges without a fault by the one that bounds them, which is the receiver's"""
     effective_samples: Annotated[float, Field(ge=1.0, le=1e6)] = 1.0
@@ -298,7 +305,10 @@ class IntegritySection(Section):
             "p_hmi_v", "p_hmi_h", "p_fa_v", "p_fa_h", "p_unmonitored_max", "p_satellite", "p_constellation",
             "p_constellations", "p_pseudolite", "ground_groups", "effective_samples",
         )  # fmt: skip
-        of_filter = ("p_beacon", "p_station", "b_nom_beacon_m")
+        of_filter = (
+            "p_beacon", "p_station", "b_nom_beacon_m", "b_nom_azimuth_station_m", "b_nom_elevation_station_deg",
+            "b_nom_dme_m",
+        )  # fmt: skip
         usual = IntegritySection()
         out = [
             f"integrity.{name} is not used: integrity.method is {self.method}"

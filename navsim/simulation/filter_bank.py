@@ -53,7 +53,7 @@ class FilterSolution:
 
     @classmethod
     def of(cls, flight: Flight, along: AlongTruth, nominal: np.ndarray) -> FilterSolution:
-        """Solution of a filter along the truth. nominal: (s + g,) bounds of biases, m."""
+        """Solution of a filter along the truth. nominal: (s + g,) bounds of biases, m or rad."""
         covariance = along.lin.assumed[1:, :3, :3][:, _ENU][:, :, _ENU]
         return cls(covariance, responses(flight, along)[1:, states.POS : states.POS + 3][:, _ENU] * nominal)
 

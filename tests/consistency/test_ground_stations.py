@@ -12,6 +12,7 @@ from navsim.integrity import monitoring
 from navsim.landing.integrity import tally
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.runner.executor import threads
+from navsim.simulation.filter_bank import FilterBank
 from navsim.simulation.landing import fly_inputs
 from navsim.simulation.run_inputs import draw
 from tests.helpers import case, in_brief
@@ -124,3 +125,33 @@ def test_an_aircraft_that_its_estimate_steers_goes_on_by_the_rest() -> None:
     print(spared, misled)
     assert np.abs(spared).max() < 3.0
     assert misled.mean() < -50.0
+
+
+BOUNDS = {"azimuth_station": ("m", 8.0), "elevation_station": ("deg", 0.03), "dme": ("m", 60.0)}
+"""Biases of stations and the units of their keys."""
+
+
+@pytest.mark.parametrize("station", list(BOUNDS))
+def test_levels_allow_for_as_much_as_a_bias_moves_the_filter(station: str) -> None:
+    """The bound of a station's bias, in levels, is how far two flights are apart of which one has that bias, which its
+    filter does not know; a filter without the station has none of it."""
+    unit, size = BOUNDS[station]
+    watched = tuple(one for one in WATCHED if not one.startswith("integrity"))
+    monitor = "integrity={method: filter, p_constellation: 1.0e-8, p_satellite: 1.0e-7"
+    others = ", b_nom_m: 0, b_nom_beacon_m: 0}"
+    plain = case(*watched, monitor + others, name="landing_ils")
+    bounded = case(*watched, f"{monitor}, b_nom_{station}_{unit}: {size}{others}", name="landing_ils")
+    biased = case(*watched, monitor + others, f"{station}.faults=[{{error_{unit}: {size}}}]", name="landing_ils")
+    runs = [next(iter(one.fly_runs(5, 0, WIDTH, measured=False))).error[:, 1:, :3] for one in (biased, plain)]
+    moved = np.abs(runs[0] - runs[1]).mean(axis=0)
+    bank, bare = bounded.flight.bank, plain.flight.bank
+    assert isinstance(bank, FilterBank)
+    assert isinstance(bare, FilterBank)
+    of = bank.found.spread.bias[:, [1, 0, 2]]
+    largest = moved.max(axis=0)
+    some = largest > 0.02 * largest.max()
+    np.testing.assert_allclose(of[:, some], moved[:, some], rtol=0.03, atol=0.02 * largest.max())
+    without = [fault.name for fault in bounded.flight.expected].index(station)
+    np.testing.assert_array_equal(bank.found.spread.separate_bias[without], 0.0)
+    assert not bare.found.spread.bias.any()
+    np.testing.assert_array_less(bare.levels[5:], bank.levels[5:])
