@@ -256,6 +256,9 @@ UNCHECKED: Mapping[str, Callable[[Mapping[str, Any], Result], bool]] = {
     "the risk behind the levels of a monitored filter": lambda scenario, _: (
         at(scenario, "integrity", "method") == "filter"
     ),
+    "GAST D: that levels add D_L and D_V": lambda scenario, _: (
+        at(scenario, "integrity", "comparison", "gbas", "approach_service") == "D"
+    ),
     "rare events of landings with nonlinear errors": lambda _, result: result.attributes.get("method") == "rare",
     "control variates": lambda _, result: f"{BRANCH}/rms/horizontal" in result,
     "the sum of several Gaussians, held axes of biases": lambda scenario, result: (

@@ -806,7 +806,7 @@ _INTEGRITY = Chapter(
            "without a faulty reference receiver; across the track (lpl) and over the glide path (vpl). With drawn B "
            "values: without", _FLOWN, when=_COMPARED_GBAS, level=("lpl", "vpl")),
         _a("/integrity/gbas_{level}_run", "run time", "m", "{LEVEL} by the B values of the run, the larger with and "
-           "without a faulty reference receiver, with D_L or D_V for GAST D; nan without a fix", LANDING,
+           "without a faulty reference receiver, for GAST D plus D_L or D_V (unverified); nan without a fix", LANDING,
            when=_DRAWN_B_KEPT, level=("lpl", "vpl")),
         _a("/integrity/gbas_error_{axis}", "run time", "m", "size of the error of the fix that this level is of",
            LANDING, when=_DRAWN_B_KEPT, axis=("lateral", "vertical")),
