@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -87,6 +87,21 @@ def all_axes(axes: tuple[str, str, str]) -> list[str]:
 
 
 @dataclass(frozen=True)
+class ColumnUnit:
+    """Unit that a column is due to have, those that are known, and the key that declares it, "" for none."""
+
+    key: str
+    due: str
+    known: Collection[str]
+
+
+def heading_units(time_unit: str) -> dict[str, ColumnUnit]:
+    """Unit of each column of headings whose times are in `time_unit`."""
+    angles = dict.fromkeys(HEADING_COLUMNS[1:], ColumnUnit("", "deg", ANGLE_UNITS))
+    return {"t_s": ColumnUnit("time_unit", time_unit, TIME_UNITS), **angles}
+
+
+@dataclass(frozen=True)
 class ImuConvention:
     """Units, axes and columns of recorded inertial samples.
 
@@ -101,6 +116,14 @@ class ImuConvention:
     accelerometer_axes: str = "FRD"
     increments: bool = False
     columns: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def units(self) -> dict[str, ColumnUnit]:
+        """Unit of each column."""
+        gyro = ColumnUnit("gyro_unit", self.gyro_unit, GYRO_UNITS)
+        accelerometer = ColumnUnit("accelerometer_unit", self.accelerometer_unit, ACCELEROMETER_UNITS)
+        time = ColumnUnit("time_unit", self.time_unit, TIME_UNITS)
+        return dict(zip(IMU_COLUMNS, (time, *(gyro,) * 3, *(accelerometer,) * 3), strict=True))
 
 
 @dataclass(frozen=True)
@@ -123,6 +146,19 @@ class GnssConvention:
     """Name in the file of each column of `docs/replay-files.md`."""
     errors: int = 0
     """Number of time-correlated errors with columns of their effects on each fix (`effects_of`)."""
+
+    @property
+    def units(self) -> dict[str, ColumnUnit]:
+        """Unit of each column that has one; accuracies are always in m and m/s."""
+        time, height = ColumnUnit("time_unit", self.time_unit, TIME_UNITS), self.height_unit
+        angle, speed = ColumnUnit("angle_unit", self.angle_unit, ANGLE_UNITS), self.speed_unit
+        level, down = ColumnUnit("speed_unit", speed, SPEED_UNITS), self.vertical_speed_unit or speed
+        upright = ColumnUnit("vertical_speed_unit", down, VERTICAL_SPEED_UNITS)
+        units = (time, angle, angle, ColumnUnit("height_unit", height, HEIGHT_UNITS), level, level, upright)
+        sigmas = (*FIX_SIGMAS, *FIX_ACCURACIES)
+        meters, rates = ColumnUnit("", "m", HEIGHT_UNITS), ColumnUnit("", "m/s", SPEED_UNITS)
+        accuracies = {name: rates if name.endswith("_m_s") else meters for name in sigmas}
+        return {**dict(zip(GNSS_COLUMNS, units, strict=True)), **accuracies}
 
     @property
     def effects(self) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import datetime
 import re
+from collections.abc import Callable, Sequence
 from functools import reduce
 from operator import xor
 from pathlib import Path
@@ -371,21 +372,33 @@ def read_nmea(path: Path, lines: list[str], dropped: Dropped, simulated: bool = 
     dropped.add("NMEA sentences without a time of day (a leap second has none)", assembler.untimed)
     table = np.array(rows)
     table[:undated, 0] += assembler.moved
-    _one_recording(path, table[:, 0], after, assembler.dated)
+    one_recording(path, table[:, 0], [0, *after], timescales.utc_text if assembler.dated else _of_day)
     return table
 
 
-def _one_recording(path: Path, time: np.ndarray, after: list[int], dated: bool) -> None:
-    """Refuse times (m,) that go back, or on by days: after[k] is the line where the epoch of time[k] was over."""
+def _of_day(time: float) -> str:
+    return f"{time:.3f} s of the day"
+
+
+def one_recording(
+    path: Path, time: np.ndarray, lines: Sequence[int], told: Callable[[float], str] = "{:.3f} s".format
+) -> None:
+    """Raise FileError where times (m,), s, go back by more than a minute, or on by days.
+
+    lines: number of the line of each; told: how the message writes one.
+    """
     step = np.diff(time)
     wrong = np.flatnonzero((step < -BACKWARDS) | (step > LONGEST_PAUSE))
     if not wrong.size:
         return
     k = int(wrong[0])
-    before, then = (timescales.utc_text(t) if dated else f"{t:.3f} s of the day" for t in time[k : k + 2])
-    rollovers = round(float(step[k]) / (1024 * timescales.WEEK))
+    before, then = (told(float(t)) for t in time[k : k + 2])
+    weeks = round(float(step[k]) / timescales.WEEK)
+    rollovers = weeks // 1024 if weeks % 1024 == 0 else 0
     if rollovers and abs(step[k] - 1024 * timescales.WEEK * rollovers) < timescales.DAY:
         cause = "by 1024 weeks: the receiver's GPS week count rolled over; correct the dates before or after this line"
+    elif weeks == -1 and abs(step[k] + timescales.WEEK) < BACKWARDS:
+        cause = "by a week: seconds of the week began again; add 604800 s to the times from this line on"
     else:
         cause = "so the file seems to have two recordings; split it here"
-    raise FileError(after[k], f"the time goes from {before} to {then}, {cause}", path)
+    raise FileError(lines[k + 1], f"the time goes from {before} to {then}, {cause}", path)

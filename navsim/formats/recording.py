@@ -27,12 +27,13 @@ from navsim.formats.conventions import (
     LEAST_QUALITY,
     TRACK_ATTITUDE,
     TRACK_COLUMNS,
+    ColumnUnit,
     GnssConvention,
     ImuConvention,
 )
-from navsim.formats.nmea import has_sentences, read_nmea
+from navsim.formats.nmea import has_sentences, one_recording, read_nmea
 from navsim.formats.recorded_data import Fixes, Samples
-from navsim.formats.tables import TextTable
+from navsim.formats.tables import TextTable, bracketed_unit, column_base
 from navsim.formats.text import Dropped, FileError, read_lines, within
 from navsim.geodesy import earth
 from navsim.results.findings import several
@@ -61,7 +62,7 @@ def read_imu(
     """
     dropped = Dropped(lenient)
     there = TextTable.of(path, read_lines(path, dropped))
-    table, lines = _columns(there, IMU_COLUMNS, (), dropped, convention.columns, "imu")
+    table, lines = _columns(there, IMU_COLUMNS, (), dropped, convention.columns, convention.units, "imu")
     table[:, 0] *= conventions.TIME_UNITS[convention.time_unit]
     for first, axes, factor in (
         (1, convention.gyro_axes, conventions.GYRO_UNITS[convention.gyro_unit]),
@@ -69,10 +70,10 @@ def read_imu(
     ):
         turned = table[:, first : first + 3] @ conventions.axes_matrix(axes, conventions.BODY_AXES).T
         table[:, first : first + 3] = factor * turned
-    table, _ = _limited(path, table, lines, IMU_COLUMNS, _IMU_LIMITS, dropped, limited)
+    table, lines = _limited(path, table, lines, IMU_COLUMNS, _IMU_LIMITS, dropped, limited)
     silent = np.all(table[:, 1:] == 0.0, axis=1)
     dropped.add("samples that are all zero (the sensor was starting)", silent.sum())
-    table = _in_order(table[~silent], dropped, "samples")
+    table = _in_order(path, table[~silent], lines[~silent], dropped, "samples")
     if table.shape[0] < 10:
         raise _too_few(path, table, "sample", dropped)
     if convention.increments:
@@ -116,10 +117,13 @@ def read_fixes(
             message = "NMEA fixes units and columns; you can only shift its times"
             raise FileError(0, message, path)
         table = read_nmea(path, lines, dropped, simulated)
+        numbers = None
     else:
         effects, due = convention.effects, len(GNSS_COLUMNS)
         wanted = (*GNSS_COLUMNS, *effects)
-        table, numbers = _columns(TextTable.of(path, lines), wanted, GNSS_OPTIONAL, dropped, convention.columns, "gnss")
+        table, numbers = _columns(
+            TextTable.of(path, lines), wanted, GNSS_OPTIONAL, dropped, convention.columns, convention.units, "gnss"
+        )
         table = np.hstack([table[:, :due], table[:, due + len(effects) :], table[:, due : due + len(effects)]])
         table[:, 0] *= conventions.TIME_UNITS[convention.time_unit]
         signs = np.array(conventions.POSITION_AXES[convention.position_axes])
@@ -135,13 +139,15 @@ def read_fixes(
         table[:, 4:7] = units * sign * table[:, 4 + source]
         names, limits = (*GNSS_COLUMNS, *GNSS_OPTIONAL, *effects), (*_GNSS_LIMITS, *((-1e6, 1e6),) * len(effects))
         table, numbers = _limited(path, table, numbers, names, limits, dropped, limited)
-        table = table[_agreeing(path, table[:, _SPREAD], numbers, dropped)]
+        agreeing = _agreeing(path, table[:, _SPREAD], numbers, dropped)
+        table, numbers = table[agreeing], numbers[agreeing]
     table[:, 0] += convention.time_offset
     few = table[:, 7] < min_satellites
     dropped.add(f"fixes with fewer than {min_satellites} satellites", few.sum())
     flat = ~few & (table[:, _ACCURACY.stop :][:, :1] < LEAST_QUALITY).any(axis=1)
     dropped.add(f"fixes of a quality below {LEAST_QUALITY}, which have no height", flat.sum())
-    table = _in_order(table[~(few | flat)], dropped, "fixes")
+    good = ~(few | flat)
+    table = _in_order(path, table[good], None if numbers is None else numbers[good], dropped, "fixes")
     # a receiver without a fix repeats one invented place until its first change of position
     if table.shape[0] > 1:
         moved = np.flatnonzero(np.any(table[:, 1:4] != table[0, 1:4], axis=1))
@@ -222,9 +228,9 @@ def read_track(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, D
     there = TextTable.of(path, read_lines(path, dropped))
     turned = any(there.find(name) is not None for name in TRACK_ATTITUDE)
     names = (*TRACK_COLUMNS, *TRACK_ATTITUDE) if turned else TRACK_COLUMNS
-    table, numbers = _columns(there, names, (), dropped, {})
-    table, _ = _limited(path, table, numbers, names, _TRACK_LIMITS[: len(names)], dropped, True)
-    table = _in_order(table, dropped, "places")
+    table, numbers = _columns(there, names, (), dropped, {}, {})
+    table, numbers = _limited(path, table, numbers, names, _TRACK_LIMITS[: len(names)], dropped, True)
+    table = _in_order(path, table, numbers, dropped, "places")
     llh = np.column_stack([np.radians(table[:, 1:3]), table[:, 3]])
     return table[:, 0].copy(), llh, np.radians(table[:, 4:]) if turned else None, dropped
 
@@ -235,10 +241,10 @@ def read_attitude(path: Path) -> tuple[np.ndarray, np.ndarray, Dropped]:
     Also returns what was omitted. Raises FileError with the line; OSError.
     """
     dropped, names = Dropped(False), ("t_s", *TRACK_ATTITUDE)
-    table, numbers = _columns(TextTable.of(path, read_lines(path, dropped)), names, (), dropped, {})
+    table, numbers = _columns(TextTable.of(path, read_lines(path, dropped)), names, (), dropped, {}, {})
     limits = (_TRACK_LIMITS[0], *_TRACK_LIMITS[-3:])
-    table, _ = _limited(path, table, numbers, names, limits, dropped, True)
-    table = _in_order(table, dropped, "attitudes")
+    table, numbers = _limited(path, table, numbers, names, limits, dropped, True)
+    table = _in_order(path, table, numbers, dropped, "attitudes")
     if table.shape[0] < 2:
         raise _too_few(path, table, "attitude", dropped)
     return table[:, 0].copy(), np.radians(table[:, 1:]), dropped
@@ -258,12 +264,14 @@ def read_headings(
         HEADING_COLUMNS[2:],
         dropped,
         columns,
+        conventions.heading_units(time_unit),
         "heading",
     )
     table[:, 0] *= conventions.TIME_UNITS[time_unit]
     limits = (_GNSS_LIMITS[0], (-360.0, 360.0), (1e-6, 180.0))
-    table, _ = _limited(path, table, numbers, HEADING_COLUMNS, limits, dropped, True)
-    table = _in_order(table[np.isfinite(table[:, 1])], dropped, "headings")
+    table, numbers = _limited(path, table, numbers, HEADING_COLUMNS, limits, dropped, True)
+    there = np.isfinite(table[:, 1])
+    table = _in_order(path, table[there], numbers[there], dropped, "headings")
     if table.shape[0] < 2:
         raise _too_few(path, table, "heading", dropped)
     return table[:, 0].copy(), *np.radians(table[:, 1:]).T, dropped
@@ -286,11 +294,15 @@ def _columns(
     optional: tuple[str, ...],
     dropped: Dropped,
     columns: Mapping[str, str],
+    units: Mapping[str, ColumnUnit],
     section: str = "",
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Columns of a table as of `TextTable.read`; columns: those of them that have another name in the file. section: of
-    the log, whose key `columns` gives other names."""
+    """Columns of a table as of `TextTable.read`; columns: those of them that have another name in the file; units: that
+    each is to have. section: of the log, whose key `columns` gives other names."""
     ours = wanted
+    for name, unit in units.items():
+        key = f"{section}.{unit.key}" if unit.key else ""
+        table.check_unit(columns.get(name, name), unit.due, unit.known, key)
     wanted, optional, may_be_empty = (
         tuple(columns.get(name, name) for name in names) for names in (wanted, optional, _MAY_BE_EMPTY)
     )
@@ -300,8 +312,22 @@ def _columns(
         missing = [name for name, there in zip(ours, wanted, strict=True) if table.find(there) is None]
         if not section or not missing:
             raise
-        cure = f"write the file's names: `{section}: {{columns: {{{missing[0]}: NAME, ...}}}}`"
+        cure = f"write the file's names: `{section}: {{{_naming(table, missing, units)}}}`"
         raise FileError(error.line, f"{error.message}; {cure}", error.path) from None
+
+
+def _naming(table: TextTable, missing: list[str], units: Mapping[str, ColumnUnit]) -> str:
+    """Keys for columns that the header lacks: names and units of those that have another unit in brackets."""
+    names, keys = [], {}
+    for name in missing:
+        unit = units.get(name, ColumnUnit("", "", ()))
+        for there in table.names if unit.key else ():
+            found = bracketed_unit(there)
+            if found in unit.known and column_base(there) in (name, name.split("_")[0]):
+                names.append(f'{name}: "{there}"')
+                keys[unit.key] = found
+    names = names or [f"{missing[0]}: NAME, ..."]
+    return ", ".join([f"columns: {{{', '.join(names)}}}", *(f"{key}: {unit}" for key, unit in keys.items())])
 
 
 def _limited(
@@ -341,8 +367,13 @@ def _too_few(path: Path, table: np.ndarray, what: str, dropped: Dropped) -> File
     return FileError(0, "; ".join([f"only {several(table.shape[0], f'usable {what}')}", *dropped.reasons()]), path)
 
 
-def _in_order(table: np.ndarray, dropped: Dropped, what: str) -> np.ndarray:
-    """Rows by time, each time once."""
+def _in_order(path: Path, table: np.ndarray, numbers: np.ndarray | None, dropped: Dropped, what: str) -> np.ndarray:
+    """Rows by time, each time once; numbers: of their lines, None where the times are checked already.
+
+    Raises FileError where the time goes back by more than a minute, or on by days.
+    """
+    if numbers is not None:
+        one_recording(path, table[:, 0], numbers.tolist())
     dropped.add(f"{what} out of order; navsim sorted them", int(np.sum(np.diff(table[:, 0]) < 0.0)))
     table = table[np.argsort(table[:, 0], kind="stable")]
     twice = np.diff(table[:, 0], prepend=-np.inf) <= 0.0

@@ -23,10 +23,12 @@ _COMMENT = ("#", "%")
 _EMPTY = ("", "nan", "na", "null")
 """Texts, in any case, for a missing number in cells that may be empty."""
 _UNITS = {
-    "°": "deg", "degree": "deg", "degrees": "deg", "sec": "s", "second": "s", "seconds": "s", "meter": "m",
-    "meters": "m", "metre": "m", "metres": "m",
+    "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "sec": "s", "second": "s",
+    "seconds": "s", "µs": "us", "μs": "us", "hour": "h", "hr": "h", "meter": "m", "meters": "m", "metre": "m",
+    "metres": "m", "foot": "ft", "feet": "ft", "knot": "kn", "knots": "kn", "kt": "kn", "kts": "kn", "dps": "deg/s",
+    "kmh": "km/h", "kph": "km/h", "fps": "ft/s", "fpm": "ft/min", "dege7": "1e-7 deg",
 }  # fmt: skip
-"""Other spellings of parts of units."""
+"""Other spellings of units and their parts."""
 _NO_UNITS = ("", "-", "1")
 
 
@@ -86,6 +88,18 @@ class TextTable:
             if places:
                 return places[0]
         return None
+
+    def check_unit(self, name: str, due: str, known: Collection[str], key: str) -> None:
+        """Raise FileError if the header gives a column in brackets a unit of `known` that is not the one due.
+
+        key: of the file that declares the unit, "" if the unit cannot be chosen.
+        """
+        place = self.find(name)
+        unit = None if place is None else bracketed_unit(self.names[place])
+        if unit in known and unit != due:
+            cure = f"{key} is {due}; write {key}: {unit}" if key else f"navsim takes it in {due}; convert it"
+            assert place is not None
+            raise FileError(self.header, f"the column {self.names[place]} is in {unit}, but {cure}", self.path)
 
     def read(
         self, wanted: Sequence[str], optional: Sequence[str], may_be_empty: Collection[str], dropped: Dropped
@@ -260,10 +274,20 @@ def _is_of_numbers(text: str) -> bool:
 
 def _canonical(name: str) -> str:
     """A name in small letters, with a unit in brackets as its suffix."""
-    bracketed = re.fullmatch(r"(.+?)\s*[\[(]([^\[\]()]*)[\])]", name)
-    base = re.sub(r"\s+", "_", (bracketed[1] if bracketed else name).strip().lower())
-    if not bracketed:
-        return base
-    unit = re.sub(r"\^|\*\*", "", bracketed[2].lower()).replace("²", "2")
-    unit = "_".join(_UNITS.get(part.strip(), part.strip()) for part in unit.split("/"))
+    base, unit = column_base(name), (bracketed_unit(name) or "").replace("/", "_")
     return base if unit in _NO_UNITS or base.endswith(f"_{unit}") else f"{base}_{unit}"
+
+
+def column_base(name: str) -> str:
+    """A column's name in small letters, without a unit in brackets."""
+    return re.sub(r"\s+", "_", re.sub(r"(?<=.)\s*[\[(][^\[\]()]*[\])]$", "", name).strip().lower())
+
+
+def bracketed_unit(name: str) -> str | None:
+    """The unit in brackets at the end of a column's name, in the usual spelling, such as m/s2; None without."""
+    bracketed = re.fullmatch(r".+?\s*[\[(]([^\[\]()]*)[\])]", name)
+    if not bracketed:
+        return None
+    unit = re.sub(r"\^|\*\*", "", bracketed[1].strip().lower()).replace("²", "2")
+    unit = _UNITS.get(unit, unit)
+    return "/".join(_UNITS.get(part.strip(), part.strip()) for part in unit.split("/"))

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from navsim.formats.conventions import ANGLE_UNITS, TIME_UNITS
+from navsim.formats.nmea import one_recording
 from navsim.formats.tables import TextTable
 from navsim.formats.text import Dropped, FileError, read_lines
 from navsim.geodesy import earth
@@ -232,6 +233,9 @@ def _ranges(
     names = {name: section.columns.get(name, name) for name in ("t_s", "source", "range_m", "sigma_m", "signal_dbm")}
     try:
         table = TextTable.of(path, read_lines(path))
+        table.check_unit(names["t_s"], str(section.time_unit), TIME_UNITS, "ranges.time_unit")
+        for name in section.source_columns or (names["range_m"], names["sigma_m"]):
+            table.check_unit(name, str(section.range_unit), RANGE_UNITS, "ranges.range_unit")
         if section.source_columns:
             whole, lines = table.read(
                 [names["t_s"], *section.source_columns], (), list(section.source_columns), Dropped()
@@ -249,6 +253,8 @@ def _ranges(
             optional = (names["sigma_m"], names["signal_dbm"])
             values, lines = table.read((names["t_s"], names["range_m"]), optional, optional, Dropped())
             text = table.texts(names["source"])
+        time = values[:, 0] * TIME_UNITS[str(section.time_unit)]
+        one_recording(path, time, lines.tolist())
     except (FileError, OSError) as error:
         raise _file_error(document, "ranges.file", error) from None
     index = {name: i for i, name in enumerate(sources.names)}
@@ -264,7 +270,6 @@ def _ranges(
             f"{path.name}, line {at}: no position is known of {', '.join(unknown[:8])}; "
             f"`sources` has {', '.join(sources.names[:20])}{hint}",
         )
-    time = values[:, 0] * TIME_UNITS[str(section.time_unit)]
     factor = RANGE_UNITS[str(section.range_unit)]
     return time, np.array([index[name] for name in text]), values[:, 1] * factor, values[:, 2] * factor, values[:, 3]
 

@@ -13,7 +13,7 @@ import pytest
 
 from navsim.formats import conventions, rinex_write
 from navsim.formats.horizon import read_horizon
-from navsim.formats.recording import read_fixes, read_imu, read_track
+from navsim.formats.recording import read_fixes, read_headings, read_imu, read_track
 from navsim.formats.rinex_nav import read_nav
 from navsim.formats.rinex_obs import read_obs
 from navsim.formats.sp3 import read_sp3
@@ -350,6 +350,77 @@ def test_units_in_brackets_of_the_header(head: str, tmp_path: Path) -> None:
     samples = read_imu(path)
     path.write_text(files.IMU.replace(files.IMU.split("\n")[0], imu), encoding="utf-8")
     assert same(read_imu(path), samples)
+
+
+@pytest.mark.parametrize(
+    ("due", "there", "cure", "unit"),
+    [
+        ("h_m", "h_m [ft]", "height_unit: ft", 0.3048),
+        ("h_m", "h (feet)", "height_unit: ft", 0.3048),
+        ("lat_deg lon_deg", "lat [rad],Lon (radians)", "angle_unit: rad", 180.0 / np.pi),
+        ("t_s", "t [ms]", "time_unit: ms", 1e-3),
+        ("vd_m_s", "vd [fpm]", "vertical_speed_unit: ft/min", 0.3048 / 60.0),
+    ],
+)
+def test_a_unit_in_brackets_that_is_not_the_declared_one(
+    due: str, there: str, cure: str, unit: float, tmp_path: Path
+) -> None:
+    """A height in feet is never taken for metres: the message has the keys to write, which give the right number."""
+    path = tmp_path / "file"
+    names = dict(zip(due.split(), there.split(","), strict=True))
+    head, *rows = (row.split(",") for row in TABLE.splitlines())
+    for row in rows:
+        row[:] = [repr(float(x) / unit) if name in names else x for name, x in zip(head, row, strict=True)]
+    head = [names.get(name, name) for name in head]
+    path.write_text("\n".join(map(",".join, [head, *rows])))
+    columns = ", ".join(f'{name}: "{other}"' for name, other in names.items())
+    with pytest.raises(FileError, match=re.escape(f"`gnss: {{columns: {{{columns}}}, {cure}}}`")):
+        read_fixes(path)
+    with pytest.raises(FileError, match=re.escape(f"; write gnss.{cure}")):
+        read_fixes(path, convention=conventions.GnssConvention(columns=names))
+    key, value = cure.split(": ")
+    convention = conventions.GnssConvention(columns=names, **{key: value})
+    read = read_fixes(path, convention=convention)[0]
+    path.write_text(TABLE)
+    expected = read_fixes(path)[0]
+    for one, other in ((read.time, expected.time), (read.llh, expected.llh), (read.velocity, expected.velocity)):
+        np.testing.assert_allclose(one, other, rtol=1e-12)
+
+
+def test_units_in_brackets_of_samples_headings_and_accuracies(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_text(files.IMU.replace("gx_rad_s", "rate x [deg/s]"))
+    columns = {"gx_rad_s": "rate x [deg/s]"}
+    with pytest.raises(FileError, match=re.escape("is in deg/s, but imu.gyro_unit is rad/s; write imu.gyro_unit: deg")):
+        read_imu(path, convention=conventions.ImuConvention(columns=columns))
+    read_imu(path, convention=conventions.ImuConvention(columns=columns, gyro_unit="deg/s"))
+    path.write_text("t_s,yaw [rad]\n" + "".join(f"{k},{0.1 * k}\n" for k in range(5)))
+    with pytest.raises(FileError, match=re.escape("yaw [rad] is in rad, but navsim takes it in deg; convert it")):
+        read_headings(path, False, {"heading_deg": "yaw [rad]"}, "s")
+    rows = TABLE.splitlines()
+    path.write_text("\n".join([rows[0] + ",acc [mm]", *(row + ",900" for row in rows[1:])]))
+    with pytest.raises(FileError, match=re.escape("acc [mm] is in mm, but navsim takes it in m; convert it")):
+        read_fixes(path, convention=conventions.GnssConvention(columns={"sigma_horizontal_m": "acc [mm]"}))
+
+
+@pytest.mark.parametrize("reader", [read_fixes, read_imu, read_track])
+def test_a_table_of_two_recordings_is_refused(reader: Callable[[Path], object], tmp_path: Path) -> None:
+    """Sorted by time, the rows of both would be one flight that jumps to and fro."""
+    path = tmp_path / "file"
+    text = {read_fixes: TABLE, read_imu: files.IMU, read_track: TRACK}[reader]
+    head, *rows = [line.split(",") for line in text.splitlines()]
+
+    def put(shift: float) -> None:
+        moved = [[repr(float(row[0]) + shift), *row[1:]] for row in rows]
+        path.write_text("\n".join(map(",".join, [head, *moved, *rows])))
+
+    put(30.0)  # sorted
+    reader(path)
+    for shift, said in ((100.0, "two recordings"), (-1e5, "two recordings"), (604800.0, "add 604800 s to the times")):
+        put(shift)
+        with pytest.raises(FileError, match=said) as caught:
+            reader(path)
+        assert caught.value.line == 2 + len(rows)
 
 
 def test_names_of_columns_that_are_not_ascii(tmp_path: Path) -> None:

@@ -55,6 +55,18 @@ def test_units_and_names_of_columns(tmp_path: Path) -> None:
         np.testing.assert_array_equal(other.source, plain.source)
 
 
+def test_a_unit_in_brackets_and_two_recordings(tmp_path: Path) -> None:
+    rows = table(1 / 0.3048, "t_s,source,d [ft]")
+    said = "d [ft] is in ft, but ranges.range_unit is m; write ranges.range_unit: ft"
+    assert said in refusal(tmp_path, rows, "columns: {range_m: 'd [ft]'}")
+    other = read(tmp_path, rows, "columns: {range_m: 'd [ft]'}, range_unit: ft")
+    np.testing.assert_allclose(other.range, read(tmp_path, table()).range, atol=1e-4)
+    rows = table()
+    later = [f"{float(t) + 100.0:.1f},{rest}" for t, rest in (row.split(",", 1) for row in rows[1:])]
+    said = refusal(tmp_path, [rows[0], *later, *rows[1:]])
+    assert "the time goes from 107.900 s to 0.000 s, so the file seems to have two recordings" in said
+
+
 def test_a_column_for_each_source_and_geodetic_positions(tmp_path: Path) -> None:
     rows = ["time,p1,p2,p3,p4", *(f"{t:.1f},{-5.0 + t:.2f},{7.0:.1f},,{2.0}" for t in TIME)]
     places = ["id,lat,lon,h", "1,48.0,11.0,500", "2,48.01,11.0,510", "3,48.0,11.01,505", "4,48.01,11.02,500"]
