@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -44,7 +45,9 @@ def branch(rng: np.random.Generator, *number: int) -> np.random.Generator:
 
 def normals(rngs: Sequence[np.random.Generator], *shape: int) -> np.ndarray:
     """Standard normal numbers (r, ...) of r streams."""
-    out = np.empty((len(rngs), *shape))
+    from navsim.statistics.noise import draw_normals  # compiled code only when something is drawn
+
+    out = np.empty((len(rngs), math.prod(shape)))
     for rng, own in zip(rngs, out, strict=True):
-        rng.standard_normal(out=own)
-    return out
+        draw_normals(rng, own)
+    return out.reshape(len(rngs), *shape)
