@@ -24,7 +24,8 @@ from navsim.sensors.imu import (
     simulate_lanes,
 )
 from navsim.sensors.imu_errors import Gains, ImuErrorModel, Vibration, Warming, apply_bandwidth, shaking
-from navsim.statistics.random_streams import generator
+from navsim.statistics.noise import draw_normals
+from navsim.statistics.random_streams import generator, normals
 from tests.conftest import DATA, Within
 from tests.formulas import allan_variance
 from tests.helpers import scenario
@@ -37,6 +38,18 @@ PERFECT = Triad(bias=0.0, noise_density=0.0)
 @pytest.fixture(scope="module")
 def known() -> dict[str, Any]:
     return json.loads((DATA / "sensors.json").read_text())
+
+
+def test_numbers_drawn_in_a_kernel_are_those_of_numpy() -> None:
+    """In the tails, too, which the ziggurat algorithm draws in another way; the stream goes on as numpy's does."""
+    own, numpys = generator(41, 3, "imu"), generator(41, 3, "imu")
+    drawn = np.empty(2_000_000)
+    draw_normals(own, drawn)
+    np.testing.assert_array_equal(drawn, numpys.standard_normal(drawn.size), strict=True)
+    assert np.abs(drawn).max() > 4.5, "no tail was drawn"
+    after = normals((own, generator(41, 4, "imu")), 2, 3)
+    expected = [numpys.standard_normal((2, 3)), generator(41, 4, "imu").standard_normal((2, 3))]
+    np.testing.assert_array_equal(after, expected)
 
 
 def measured(
