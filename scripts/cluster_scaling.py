@@ -158,12 +158,15 @@ def page(costs: dict[str, Costs], size: int) -> str:
         "# How far a cluster reaches",
         "",
         f"Made by `python scripts/cluster_scaling.py` with the code of commit {commit()}.",
-        "One machine with a scheduler and two workers gave the first table. The second is an event-by-event simulation",
-        "with these costs, without start of workers, transfer of the study, slow networks and disks.",
         "",
-        f"`landing.yaml`, batches of {BATCH} runs. Each worker receives the study once, {size / 1e6:.1f} MB.",
-        f"An empty task costs client and scheduler {1e3 * some.task_s:.1f} ms,",
-        f"a megabyte {1e3 * some.megabyte_s:.1f} ms.",
+        "| | |",
+        "|---|---|",
+        f"| first table | measured: one machine with a scheduler and two workers; `landing.yaml`, batches of {BATCH} runs |",
+        "| second table | an event-by-event simulation with these costs, without start of workers, transfer of the study, "
+        "slow networks and disks |",
+        f"| the study | {size / 1e6:.1f} MB, sent once to each worker |",
+        f"| costs of client and scheduler | {1e3 * some.task_s:.1f} ms an empty task, "
+        f"{1e3 * some.megabyte_s:.1f} ms a megabyte |",
         "",
         "| `--keep` | simulation of a batch, s | its result, MB | storing it, ms | batches a task | task, s | "
         "client's time a task, ms |",

@@ -141,10 +141,14 @@ def main() -> None:
     lines = [
         "# Covariance analysis against runs, over skies, effects, receivers and filters",
         "",
-        f"Each ratio is the RMS error of {RUNS} runs divided by that of `--method covariance`, for a component of",
-        "position or velocity every 10 s; the table has the smallest and the largest. The scenario is `landing.yaml`",
-        f"with fixes at 1 Hz, 1° and 70 °/h. The {len(cells)} combinations contain every pair of settings of two",
-        "columns. Chance alone spreads a ratio by 1.6 % (1 sigma), the extremes of 70 ratios by up to 5 %.",
+        f"The {len(cells)} combinations contain every pair of settings of two columns.",
+        "",
+        "| | |",
+        "|---|---|",
+        f"| ratio | RMS error of {RUNS} runs divided by that of `--method covariance`, for a component of position or "
+        "velocity every 10 s: the smallest and the largest |",
+        "| chance alone | spreads a ratio by 1.6 % (1 sigma), the extremes of 70 ratios by up to 5 % |",
+        "| scenario | `landing.yaml` with fixes at 1 Hz, 1° and 70 °/h |",
         "",
         f"| {' | '.join(FACTORS)} | smallest | largest |",
         f"|{'---|' * (len(FACTORS) + 2)}",

@@ -77,17 +77,20 @@ def main() -> None:
     lines = [
         "# What do two pseudolites replace?",
         "",
-        f"Made by `make validate` (`scripts/landing_aids.py`), landing_ils.yaml, {RUNS} runs of seed {SEED} a row:",
-        "one runway, wind, turbulence, IMU. Errors of navigation, 95 %, m. Category I allows",
-        f"{LATERAL:g} m laterally, {VERTICAL:g} m vertically (200 ft). [Models](theory/ground-stations.md).",
+        f"Errors of navigation, 95 %, m, in {RUNS} runs of `landing_ils.yaml` a row, with one runway, wind, turbulence",
+        f"and IMU. Category I allows {LATERAL:g} m laterally, {VERTICAL:g} m vertically (200 ft).",
         "",
         f"| system | {' | '.join(heads)} | accuracy of category I | RMS of runs over analysis |",
         f"|---|{'---|' * (len(heads) + 2)}",
         *map(row, CASES),
         "",
         "Stations have the largest errors that the standards allow, pseudolites small assumed ones: the rows compare",
-        "no typical systems. Integrity and continuity are not compared.",
-        "Pseudolites: 1000 m before the threshold, 200 m to each side, synchronised to 1 ns, surveyed to 0.05 m.",
+        "no typical systems ([models](theory/ground-stations.md)). Integrity and continuity are not compared.",
+        "",
+        "| pseudolites | |",
+        "|---|---|",
+        "| position | 1000 m before the threshold, 200 m to each side, surveyed to 0.05 m |",
+        "| clocks | synchronised to 1 ns |",
     ]
     PAGE.write(lines, begun)
 

@@ -129,10 +129,12 @@ def main() -> None:
 Do covariance analysis and the filter's sigma hold where the aircraft passes near pseudolites? The table has RMS errors
 of runs, divided by those of the analysis and by sigma.
 
-The landing is landing_open_sky.yaml with 5 fixes and 50 inertial samples a second, {RUNS} runs of seed {SEED}. Each row
-covers one, two and three pseudolites under two skies (`nominal`, `nominal-glonass`). It has the smallest and largest
-ratio, north, east or down, over 20 s to touchdown. Chance moves a ratio
-of {RUNS} runs by up to {reach:.0f} % (95 %). All settings have the same seed, so it moves similar ones alike.
+| | |
+|---|---|
+| landing | `landing_open_sky.yaml` with 5 fixes and 50 inertial samples a second, {RUNS} runs of seed {SEED} |
+| each row | one, two and three pseudolites under two skies (`nominal`, `nominal-glonass`) |
+| cells | the smallest and largest ratio, north, east or down, over 20 s to touchdown |
+| chance | moves a ratio of {RUNS} runs by up to {reach:.0f} % (95 %), similar settings alike, since all have the same seed |
 
 A ratio fails if it is outside of 1 ± {WITHIN:g} by more than chance: below {least:.2f} or above {most:.2f}. \
 {unwarned} of {len(found)} settings fail without

@@ -85,9 +85,9 @@ def clear() -> list[str]:
     lines = [
         "## Under a clear sky",
         "",
-        f"RMS error of the tight filter divided by that of the loose one, second half of the flight, {CLEAR_RUNS}",
-        "runs of each with the same errors; 95 % intervals by 1000 resamples of the runs. NEES/6 of position and",
-        "velocity.",
+        "RMS error of the tight filter divided by that of the loose one, second half of the flight; NEES/6 of position",
+        f"and velocity. {CLEAR_RUNS} runs of each, with the same errors; 95 % intervals by 1000 resamples.",
+        "",
         f"| case | {' | '.join(name for name, _ in groups)} | NEES/6 loose | tight |",
         "|---|---|---|---|---|---|---|",
     ]

@@ -121,10 +121,9 @@ def costs() -> list[str]:
     lines = [
         f"## Landings until the 95 % interval is ±20 %, at {COST_AT:g}",
         "",
-        "The boxes limit the lateral and the vertical error; each case has three seeds. The last column is the largest",
-        "standard deviation of a nonlinear part of an error over the shifted runs.",
+        "The boxes limit the lateral and the vertical error; each case has three seeds.",
         "",
-        "| case | landings | probabilities | nonlinear |",
+        "| case | landings | probabilities | largest standard deviation of a nonlinear part of an error |",
         "|---|---|---|---|",
     ]
     for label, name, settings in COSTS:
@@ -142,10 +141,14 @@ def honesty() -> list[str]:
     lines = [
         "## The interval where errors are not linear",
         "",
-        f"In {TRIALS} studies of each row, two errors have a Gaussian part ν σ that is not linear in the random",
-        f"inputs, so that importance sampling does not shift it. The box has a probability of {COST_AT:g} to first",
-        f"order. A study ends when its interval is ±20 %, or after {MOST} runs. A study has *missed* if its whole",
-        "interval lies below the true probability; a 95 % interval should in 2.5 % of studies.",
+        "Two errors have a Gaussian part ν σ that is not linear in the random inputs, so that importance sampling does",
+        "not shift it.",
+        "",
+        "| | |",
+        "|---|---|",
+        f"| studies of each row | {TRIALS}; each ends when its interval is ±20 %, or after {MOST} runs |",
+        f"| probability of the box to first order | {COST_AT:g} |",
+        "| missed | the whole interval lies below the true probability; a 95 % interval should in 2.5 % of studies |",
         "",
         "| ν | runs | found over truth, median | missed | effective samples, median |",
         "|---|---|---|---|---|",

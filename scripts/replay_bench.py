@@ -181,13 +181,18 @@ def section() -> list[str]:
         "",
         "## Simulated flights",
         "",
-        f"Each row has {DRAWS} simulated flights: circuits of 170 s, in the last three rows of 150 s with a small "
-        "quadrotor. Each flight draws biases, white noise (two to three times as large in motion), latency, jitter of "
-        "stamps (2 ms) and velocity noise. Position errors have correlation times of 60 s (differential, 0.4 m) or "
-        "120 s (single point, 1.2 m). The accuracies that receivers claim are wrong by 15 %.",
+        f"Each row has {DRAWS} simulated flights:",
         "",
-        "Position, velocity, attitude: NEES per axis, from 20 s after the alignment; 1 is right. Gyro, accelerometer, "
-        "velocity: least and largest tuned noise, divided by the true noise in motion. Latency: its largest error.",
+        "| | |",
+        "|---|---|",
+        "| flight | circuits of 170 s, in the last three rows of 150 s with a small quadrotor |",
+        "| drawn in each flight | biases, white noise (two to three times as large in motion), latency, jitter of stamps "
+        "(2 ms), velocity noise |",
+        "| position errors | correlation times of 60 s (differential, 0.4 m) or 120 s (single point, 1.2 m) |",
+        "| accuracies that receivers claim | wrong by 15 % |",
+        "| position, velocity, attitude | NEES per axis, from 20 s after the alignment; 1 is right |",
+        "| gyro, accelerometer, velocity | least and largest tuned noise, divided by the true noise in motion |",
+        "| latency | its largest error |",
         "",
         *table(),
         "",

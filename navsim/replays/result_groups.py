@@ -166,7 +166,7 @@ def _uncertainty(spread: float, is_time: bool) -> str:
         return f", not determined: 95 % within a factor of more than {UNDETERMINED:g}"
     if wide > DETERMINED:
         return f", hardly determined: 95 % within a factor of {wide:.2g}"
-    return f", 1 sigma a factor of {np.exp(spread):.2f}"
+    return f", 1 sigma {digits(100.0 * np.expm1(spread), 2)} %"
 
 
 def _numbers(recording: Recording, settings: np.ndarray) -> dict[str, float]:
