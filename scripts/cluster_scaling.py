@@ -161,9 +161,10 @@ def page(costs: dict[str, Costs], size: int) -> str:
         "",
         "| | |",
         "|---|---|",
-        f"| first table | measured: one machine with a scheduler and two workers; `landing.yaml`, batches of {BATCH} runs |",
-        "| second table | an event-by-event simulation with these costs, without start of workers, transfer of the study, "
-        "slow networks and disks |",
+        "| first table | measured: one machine with a scheduler and two workers; `landing.yaml`, "
+        f"batches of {BATCH} runs |",
+        "| second table | an event-by-event simulation with these costs, without start of workers, transfer of "
+        "the study, slow networks and disks |",
         f"| the study | {size / 1e6:.1f} MB, sent once to each worker |",
         f"| costs of client and scheduler | {1e3 * some.task_s:.1f} ms an empty task, "
         f"{1e3 * some.megabyte_s:.1f} ms a megabyte |",

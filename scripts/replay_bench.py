@@ -186,8 +186,8 @@ def section() -> list[str]:
         "| | |",
         "|---|---|",
         "| flight | circuits of 170 s, in the last three rows of 150 s with a small quadrotor |",
-        "| drawn in each flight | biases, white noise (two to three times as large in motion), latency, jitter of stamps "
-        "(2 ms), velocity noise |",
+        "| drawn in each flight | biases, white noise (two to three times as large in motion), latency, jitter of "
+        "stamps (2 ms), velocity noise |",
         "| position errors | correlation times of 60 s (differential, 0.4 m) or 120 s (single point, 1.2 m) |",
         "| accuracies that receivers claim | wrong by 15 % |",
         "| position, velocity, attitude | NEES per axis, from 20 s after the alignment; 1 is right |",
