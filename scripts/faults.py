@@ -165,8 +165,7 @@ def tails() -> list[str]:
     return [
         *lines,
         "",
-        "The column *beyond* counts fixes. So few fixes say nothing about an integrity risk. Most large range errors "
-        "raise an alarm: the tests take them for faults.",
+        "The column *beyond* counts fixes. So few fixes say nothing about an integrity risk.",
     ]
 
 

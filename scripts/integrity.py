@@ -79,7 +79,7 @@ def monitoring() -> list[str]:
     lines = [
         "## Monitoring the filter",
         "",
-        "Monitored filters have lower levels than `mhss`, and more alarms after a fault. Limits 40 and 60 m, 6 s:",
+        "Limits 40 and 60 m, 6 s:",
         "",
         command(SEPARATED, *FAULTS["R01 is 15 m too long from 20 s on"]),
         "",
