@@ -12,7 +12,7 @@ import typer
 
 from navsim.cli.common import AT_TERMINAL, leave, leaving, make_folder, print_json
 from navsim.cli.exit_status import BAD_INPUT, print_message
-from navsim.cli.options import set_option
+from navsim.cli.options import argument, set_option, value_option
 from navsim.kinds import KINDS, OF_FILES
 from navsim.runner.errors import BadInput
 from navsim.runner.opening import checked, schema_of
@@ -23,7 +23,7 @@ from navsim.scenario_files.shipped import names
 def validate(
     scenarios: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE.yaml", help="Scenarios, studies or logs to check.", show_default=False),
+        argument("FILE.yaml", "Scenarios, studies or logs to check."),
     ],
     set_: Annotated[list[str] | None, set_option("file")] = None,
 ) -> None:
@@ -191,13 +191,7 @@ def init(
     ] = "landing_open_sky",
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE.yaml",
-            help="The file to write. Default: <template>.yaml.",
-            show_default=False,
-        ),
+        value_option("FILE.yaml", "The file to write. Default: <template>.yaml.", "--output", "-o"),
     ] = None,
 ) -> None:
     """Write a commented scenario to start from, ready to run.

@@ -11,7 +11,7 @@ import typer
 
 from navsim.cli.common import AT_TERMINAL, Shown, leave, leaving, make_folder, print_parts
 from navsim.cli.exit_status import BAD_INPUT, RUN_FAILED
-from navsim.cli.options import number_option
+from navsim.cli.options import argument, number_option, value_option
 
 FORMATS = ("ardupilot", "px4", "ublox", "nmea", "rtklib", "kf-gins", "comma2k19")
 """As of `logs.reading`, which `--help` does without."""
@@ -23,13 +23,14 @@ class ImportOptions:
 
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FOLDER", help="Folder for the files. Default: <log stem>_log.",
-                     show_default=False),
+        value_option("FOLDER", "Folder for the files. Default: <log stem>_log.", "--output", "-o"),
     ] = None  # fmt: skip
     format_: Annotated[
         str | None,
-        typer.Option("--format", metavar="|".join(FORMATS), help="Format of the log. Default: what the file shows.",
-                     show_default=False, autocompletion=lambda: [*FORMATS]),
+        value_option(
+            "|".join(FORMATS), "Format of the log. Default: what the file shows.", "--format",
+            autocompletion=lambda: [*FORMATS],
+        ),
     ] = None  # fmt: skip
     imu: Annotated[int, number_option(int, 0, "The IMU that log.yaml names.", show_default=True)] = 0
     receiver: Annotated[int, number_option(int, 0, "The receiver that log.yaml names.", show_default=True)] = 0
@@ -39,8 +40,7 @@ class ImportOptions:
 def import_log(
     logs: Annotated[
         list[Path],
-        typer.Argument(metavar="LOG", help="A log; several files of one recording if they have GPS time.",
-                       show_default=False),
+        argument("LOG", "A log; several files of one recording if they have GPS time."),
     ],
     given: ImportOptions,
 ) -> None:  # fmt: skip
@@ -70,8 +70,7 @@ class SheetOptions:
 
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FOLDER", help="Folder for the files. Default: <log stem>_imu.",
-                     show_default=False),
+        value_option("FOLDER", "Folder for the files. Default: <log stem>_imu.", "--output", "-o"),
     ] = None  # fmt: skip
     imu: Annotated[int, number_option(int, 0, "The IMU of a log with several.", show_default=True)] = 0
     start: Annotated[float | None, number_option(float, 0, "Begin at this time of the log.")] = None
@@ -82,8 +81,7 @@ class SheetOptions:
 def imu_sheet(
     log: Annotated[
         Path,
-        typer.Argument(metavar="LOG", help="A log that `navsim import` reads, a log.yaml, or a table of samples.",
-                       show_default=False),
+        argument("LOG", "A log that `navsim import` reads, a log.yaml, or a table of samples."),
     ],
     given: SheetOptions,
 ) -> None:  # fmt: skip

@@ -10,7 +10,15 @@ import typer
 
 from navsim.cli.common import leave, leaving, read_result
 from navsim.cli.exit_status import BAD_INPUT
-from navsim.cli.options import JsonOption, OutputOptions, Required, dry_run_option, figures_option
+from navsim.cli.options import (
+    JsonOption,
+    OutputOptions,
+    Required,
+    argument,
+    dry_run_option,
+    figures_option,
+    value_option,
+)
 from navsim.cli.terminal import TerminalRequest, run_job
 from navsim.runner.errors import translate_errors
 from navsim.runner.opening import target_of
@@ -20,9 +28,7 @@ from navsim.runner.opening import target_of
 class MergeOptions:
     """Output of the merge."""
 
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE.h5", help="The result file.", show_default=False)
-    ]
+    output: Annotated[Path, value_option("FILE.h5", "The result file.", "--output", "-o")]
     folder: Annotated[
         Path,
         typer.Option(metavar="FOLDER", help="Folder of the files that the scenario names, such as orbits."),
@@ -35,7 +41,7 @@ class MergeOptions:
 def merge(
     parts: Annotated[
         list[Path],
-        typer.Argument(metavar="PART.h5", help="Results of `navsim run --first-run K --runs N`.", show_default=False),
+        argument("PART.h5", "Results of `navsim run --first-run K --runs N`."),
     ],
     given: MergeOptions,
     required: Required,

@@ -61,28 +61,34 @@ def choice_option(words: object, meaning: str) -> Any:
                         autocompletion=lambda: allowed)  # fmt: skip
 
 
+def value_option(metavar: str, meaning: str, *names: str, autocompletion: Any = None) -> Any:
+    """An option with a value that has no default to show; names: without any that of the parameter."""
+    return typer.Option(*names, metavar=metavar, help=meaning, show_default=False, autocompletion=autocompletion)
+
+
+def argument(metavar: str, meaning: str) -> Any:
+    """An argument of a command."""
+    return typer.Argument(metavar=metavar, help=meaning, show_default=False)
+
+
 def output_option(default: str) -> Any:
     """-o of a command whose result has this name unless given."""
-    return typer.Option(
-        "--output", "-o", metavar="FILE.h5", help=f"The result file. Default: {default}.", show_default=False
-    )
+    return value_option("FILE.h5", f"The result file. Default: {default}.", "--output", "-o")
 
 
 def set_option(what: str) -> Any:
     """--set of a command that reads a scenario, a study or a log."""
-    return typer.Option(
-        "--set", metavar="KEY=VALUE", help=f"Override a key of the {what}, as section.key=value. Repeat for more keys.",
-        show_default=False, autocompletion=assignments,
-    )  # fmt: skip
+    return value_option(
+        "KEY=VALUE",
+        f"Override a key of the {what}, as section.key=value. Repeat for more keys.",
+        "--set",
+        autocompletion=assignments,
+    )
 
 
 def figures_option(default: str = "that of the result; none with --quiet") -> Any:
     """--figures of a command with this default."""
-    return typer.Option(
-        metavar="FOLDER|none",
-        help=f"Folder for figures; created if missing. Default: {default}.",
-        show_default=False,
-    )
+    return value_option("FOLDER|none", f"Folder for figures; created if missing. Default: {default}.")
 
 
 def dry_run_option(meaning: str) -> Any:
@@ -90,16 +96,12 @@ def dry_run_option(meaning: str) -> Any:
     return typer.Option("--dry-run", help=meaning)
 
 
-ScenarioArgument = Annotated[
-    Path, typer.Argument(metavar="SCENARIO.yaml", help="The scenario to read.", show_default=False)
-]
+ScenarioArgument = Annotated[Path, argument("SCENARIO.yaml", "The scenario to read.")]
 WorkersOption = Annotated[int | None, number_option(int, 1, "Threads. Default: all cores.")]
 SchedulerOption = Annotated[
     str | None,
-    typer.Option(
-        metavar="ADDRESS",
-        help="Compute on a Dask cluster: tcp://HOST:PORT of its scheduler, or its file. Default: this machine.",
-        show_default=False,
+    value_option(
+        "ADDRESS", "Compute on a Dask cluster: tcp://HOST:PORT of its scheduler, or its file. Default: this machine."
     ),
 ]
 SeedOption = Annotated[int, number_option(int, 0, "Seed of all random numbers.", show_default=True)]
@@ -126,11 +128,8 @@ class OutputOptions:
     ] = False
     log_: Annotated[
         Path | None,
-        typer.Option(
-            "--log",
-            metavar="FILE",
-            help="Append a log to this file, one JSON object per line: start, progress, warnings, end.",
-            show_default=False,
+        value_option(
+            "FILE", "Append a log to this file, one JSON object per line: start, progress, warnings, end.", "--log"
         ),
     ] = None
 

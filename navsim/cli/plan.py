@@ -9,7 +9,7 @@ import typer
 
 from navsim.cli.common import leave, make_folder
 from navsim.cli.exit_status import BAD_INPUT, print_message
-from navsim.cli.options import number_option
+from navsim.cli.options import argument, number_option, value_option
 from navsim.cli.reports import INSTALL
 
 _TEMPLATE = "landing"
@@ -18,28 +18,21 @@ _TEMPLATE = "landing"
 def plan(
     scenario: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="[SCENARIO.yaml]",
-            help="The landing to plan. Default: the shipped landing.yaml.",
-            show_default=False,
-        ),
+        argument("[SCENARIO.yaml]", "The landing to plan. Default: the shipped landing.yaml."),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
+        value_option(
+            "FILE.yaml",
+            "The file that Save writes. Default: <stem>_planned.yaml in the scenario's folder; for the shipped "
+            "scenario in the working folder.",
             "--output",
             "-o",
-            metavar="FILE.yaml",
-            show_default=False,
-            help="The file that Save writes. Default: <stem>_planned.yaml in the scenario's folder; for the shipped "
-            "scenario in the working folder.",
         ),
     ] = None,
     overlay: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE.geojson", help="Outlines to draw over the map, in longitude and latitude.", show_default=False
-        ),
+        value_option("FILE.geojson", "Outlines to draw over the map, in longitude and latitude."),
     ] = None,
     port: Annotated[
         int, number_option(int, 0, "Port at 127.0.0.1; 0 takes a free one.", most=65535, show_default=True)

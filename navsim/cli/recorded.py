@@ -23,11 +23,13 @@ from navsim.cli.options import (
     Required,
     ScenarioArgument,
     SeedOption,
+    argument,
     dry_run_option,
     figures_option,
     number_option,
     output_option,
     set_option,
+    value_option,
 )
 from navsim.cli.terminal import TerminalRequest, run_job
 from navsim.runner.executor import threads
@@ -51,13 +53,12 @@ class ReplayOptions:
     figures: Annotated[str | None, figures_option()] = None
     bet: Annotated[
         str | None,
-        typer.Option(
-            metavar="SECONDS|FILE",
-            help="Predict innovations and drifts from the part up to this time, and compare them with the rest. The "
+        value_option(
+            "SECONDS|FILE",
+            "Predict innovations and drifts from the part up to this time, and compare them with the rest. The "
             "prediction, bands of 50 and 95 %, goes with its checksum to <result stem>_bet.json before the rest is "
             "used. FILE: such a prediction, to be tested on this recording. The result is <log stem>_bet.h5. A failed "
             "prediction is a warning, and with --require-consistent exit status 3. Example: --bet 70.",
-            show_default=False,
         ),
     ] = None
     dry_run: Annotated[bool, dry_run_option("Read, check and align, then stop.")] = False
@@ -65,7 +66,7 @@ class ReplayOptions:
 
 
 def replay(
-    log: Annotated[Path, typer.Argument(metavar="LOG.yaml", help="The recorded flight.", show_default=False)],
+    log: Annotated[Path, argument("LOG.yaml", "The recorded flight.")],
     given: ReplayOptions,
     required: Required,
     care: OutputOptions,
@@ -89,26 +90,24 @@ class LiveOptions:
 
     receiver: Annotated[
         str | None,
-        typer.Option(
-            metavar="SOURCE",
-            help="Take fixes from a real receiver, as NMEA or CSV lines: - (standard input), udp://HOST:PORT, "
+        value_option(
+            "SOURCE",
+            "Take fixes from a real receiver, as NMEA or CSV lines: - (standard input), udp://HOST:PORT, "
             "tcp://HOST:PORT, tcp-listen://HOST:PORT, serial:///dev/NAME?baud=N, or a file. To listen to other "
             "machines write HOST as 0.0.0.0 or [::]; without HOST navsim listens to this machine alone.",
-            show_default=False,
         ),
     ] = None
     imu: Annotated[
         str | None,
-        typer.Option(metavar="SOURCE", help="Take IMU samples from such a source, as CSV lines.", show_default=False),
+        value_option("SOURCE", "Take IMU samples from such a source, as CSV lines."),
     ] = None
     start_time: Annotated[
         str | None,
-        typer.Option(
-            metavar="TIME",
-            help="Reading of the source's clock at time 0 of the flight: UTC as 2018-09-13T12:00:00Z, seconds, or "
+        value_option(
+            "TIME",
+            "Reading of the source's clock at time 0 of the flight: UTC as 2018-09-13T12:00:00Z, seconds, or "
             "`first` (the first line belongs to the scenario's first epoch). Default: the scenario's epoch if the "
             "source's times fit it, else first.",
-            show_default=False,
         ),
     ] = None
     output: Annotated[Path | None, output_option("results/<scenario stem>_live.h5")] = None

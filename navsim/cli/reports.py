@@ -9,6 +9,7 @@ import typer
 
 from navsim.cli.common import called, leave, make_folder, read_result
 from navsim.cli.exit_status import BAD_INPUT, RUN_FAILED
+from navsim.cli.options import argument, value_option
 from navsim.cli.results import shown_as_stored
 
 INSTALL = "pip install '.[report]' in the folder of navsim"
@@ -17,18 +18,10 @@ _BEGINNING = 2000
 
 
 def report(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="RESULT.h5", help="Results of the same kind.", show_default=False)
-    ],
+    files: Annotated[list[Path], argument("RESULT.h5", "Results of the same kind.")],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE.html",
-            help="The page. Default: the first result's name with .html.",
-            show_default=False,
-        ),
+        value_option("FILE.html", "The page. Default: the first result's name with .html.", "--output", "-o"),
     ] = None,
 ) -> None:
     """Write results as one page for any browser: verdicts, figures, tables, sources.
@@ -81,9 +74,7 @@ def _refuse(target: Path, files: list[Path], generator: str) -> None:
 def cite(
     files: Annotated[
         list[Path] | None,
-        typer.Argument(
-            metavar="[RESULT.h5]...", help="Results whose methods to cite. Default: all methods.", show_default=False
-        ),
+        argument("[RESULT.h5]...", "Results whose methods to cite. Default: all methods."),
     ] = None,
     bibtex: Annotated[bool, typer.Option("--bibtex", help="Print the sources as BibTeX.")] = False,
 ) -> None:

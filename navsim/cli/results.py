@@ -27,7 +27,7 @@ from navsim.cli.common import (
 from navsim.cli.completion import drawn_figures
 from navsim.cli.exit_status import BAD_INPUT, print_message
 from navsim.cli.findings import warn
-from navsim.cli.options import number_option
+from navsim.cli.options import argument, number_option, value_option
 from navsim.runner.target import figure_folder
 from navsim.statistics.rounding import digits
 
@@ -36,9 +36,7 @@ if TYPE_CHECKING:
 
 
 def show(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="RESULT.h5", help="Results of the same kind.", show_default=False)
-    ],
+    files: Annotated[list[Path], argument("RESULT.h5", "Results of the same kind.")],
     json_: Annotated[
         bool, typer.Option("--json", help="Print the summary as JSON; a list for several results.")
     ] = False,
@@ -57,11 +55,7 @@ def show(
     ] = False,
     rows: Annotated[
         str | None,
-        typer.Option(
-            metavar="PATTERN",
-            help="Print only rows or groups whose name contains PATTERN; * and ? are wildcards.",
-            show_default=False,
-        ),
+        value_option("PATTERN", "Print only rows or groups whose name contains PATTERN; * and ? are wildcards."),
     ] = None,
     provenance: Annotated[
         bool,
@@ -163,18 +157,15 @@ def shown_as_stored(results: list[Result], files: list[Path]) -> Iterator[None]:
 
 
 def plot(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="RESULT.h5", help="One or more results to draw.", show_default=False)
-    ],
+    files: Annotated[list[Path], argument("RESULT.h5", "One or more results to draw.")],
     figures: Annotated[
         str | None,
-        typer.Option(
+        value_option(
+            "FOLDER|none",
+            "Folder for figures; created if missing. Default: that of the result.",
             "--figures",
             "--output",
             "-o",
-            metavar="FOLDER|none",
-            help="Folder for figures; created if missing. Default: that of the result.",
-            show_default=False,
         ),
     ] = None,
     format_: Annotated[
@@ -188,21 +179,15 @@ def plot(
     ] = "png",
     width: Annotated[
         str | None,
-        typer.Option(
-            metavar="LENGTH",
-            help="Width of each figure in mm, cm, in or pt: 85mm for a column of a journal, 170mm for a page. Default: "
+        value_option(
+            "LENGTH",
+            "Width of each figure in mm, cm, in or pt: 85mm for a column of a journal, 170mm for a page. Default: "
             "3.5in or 7in, as the figure needs.",
-            show_default=False,
         ),
     ] = None,
     only: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME,...",
-            help="Draw only these figures. Default: all.",
-            show_default=False,
-            autocompletion=drawn_figures,
-        ),
+        value_option("NAME,...", "Draw only these figures. Default: all.", autocompletion=drawn_figures),
     ] = None,
     run: Annotated[
         int | None, number_option(int, 0, "Draw one run of an ensemble. Default: all runs together.")
@@ -276,17 +261,14 @@ class ExportFormats:
     fas: Annotated[bool, typer.Option("--fas", help="FAS data block of the approach, as hexadecimal digits.")] = False
     mavlink: Annotated[
         str | None,
-        typer.Option(
-            metavar="FILE.tlog|udp:127.0.0.1:PORT",
-            help="Write inertial samples, fixes and ranges of beacons as a MAVLink log, or send them in real time.",
-            show_default=False,
+        value_option(
+            "FILE.tlog|udp:127.0.0.1:PORT",
+            "Write inertial samples, fixes and ranges of beacons as a MAVLink log, or send them in real time.",
         ),
     ] = None
     speed: Annotated[
         float | None,
-        typer.Option(
-            metavar="FACTOR", help="Send MAVLink messages this many times faster. Default: 1.", show_default=False
-        ),
+        value_option("FACTOR", "Send MAVLink messages this many times faster. Default: 1."),
     ] = None
 
     def chosen(self) -> list[str]:
@@ -298,9 +280,7 @@ class ExportFormats:
 def export(
     file: Annotated[
         Path,
-        typer.Argument(
-            metavar="RESULT.h5", help="The result of a landing, a replay, a sweep or a search.", show_default=False
-        ),
+        argument("RESULT.h5", "The result of a landing, a replay, a sweep or a search."),
     ],
     formats: ExportFormats,
     run: Annotated[
@@ -308,12 +288,8 @@ def export(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FOLDER/STEM",
-            help="Beginning of the file names. Default: the result's name without .h5.",
-            show_default=False,
+        value_option(
+            "FOLDER/STEM", "Beginning of the file names. Default: the result's name without .h5.", "--output", "-o"
         ),
     ] = None,
 ) -> None:

@@ -13,7 +13,7 @@ import typer
 
 from navsim.cli.common import leave, leaving
 from navsim.cli.exit_status import BAD_INPUT, print_message
-from navsim.cli.options import OutputOptions, SchedulerOption, WorkersOption, figures_option
+from navsim.cli.options import OutputOptions, SchedulerOption, WorkersOption, argument, figures_option
 from navsim.cli.terminal import resuming
 
 _ClickException: Any = typer.BadParameter.__mro__[2]
@@ -39,7 +39,7 @@ class ResumeOptions:
 def resume(
     folder: Annotated[
         Path,
-        typer.Argument(metavar="FOLDER", help="The folder of finished work, RESULT.h5.partial.", show_default=False),
+        argument("FOLDER", "The folder of finished work, RESULT.h5.partial."),
     ],
     given: ResumeOptions,
     care: OutputOptions,

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from navsim.cli.common import AT_TERMINAL, leaving
 from navsim.cli.completion import UNTIL
 from navsim.cli.options import (
@@ -25,6 +23,7 @@ from navsim.cli.options import (
     number_option,
     output_option,
     set_option,
+    value_option,
 )
 from navsim.cli.terminal import TerminalRequest, run_job
 from navsim.runner.opening import Keep, Method, open_job, target_of
@@ -53,11 +52,10 @@ class RunOptions:
     ] = None
     until: Annotated[
         str | None,
-        typer.Option(
-            metavar="EXPR",
-            help="Run until an interval is narrow: 'rms_horizontal within 2%' or, with --method rare, 'probability "
+        value_option(
+            "EXPR",
+            "Run until an interval is narrow: 'rms_horizontal within 2%' or, with --method rare, 'probability "
             "within 10%'. --runs is then the maximum.",
-            show_default=False,
             autocompletion=lambda: UNTIL,
         ),
     ] = None

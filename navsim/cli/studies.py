@@ -18,6 +18,7 @@ from navsim.cli.options import (
     SchedulerOption,
     SeedOption,
     WorkersOption,
+    argument,
     choice_option,
     dry_run_option,
     figures_option,
@@ -30,7 +31,7 @@ from navsim.runner.errors import translate_errors
 from navsim.runner.opening import SweepMethod, open_job, target_of
 from navsim.runner.target import require_folder
 
-StudyArgument = Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study to compute.", show_default=False)]
+StudyArgument = Annotated[Path, argument("STUDY.yaml", "The study to compute.")]
 
 
 @dataclass(frozen=True)
@@ -181,9 +182,7 @@ def integrity_table(
     care: OutputOptions,
     scenario: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="SCENARIO.yaml", help="The landing. Default: the shipped landing.yaml.", show_default=False
-        ),
+        argument("SCENARIO.yaml", "The landing. Default: the shipped landing.yaml."),
     ] = None,
 ) -> None:
     """Tabulate what a few satellites and pseudolites allow.

@@ -9,7 +9,7 @@ import typer
 
 from navsim.cli.common import leave, leaving, make_folder, print_json, progress, read_result
 from navsim.cli.exit_status import BAD_INPUT, CHECK_FAILED, OTHER_CODE, print_message
-from navsim.cli.options import WorkersOption
+from navsim.cli.options import WorkersOption, argument, value_option
 from navsim.cli.results import shown_as_stored
 
 if TYPE_CHECKING:
@@ -18,11 +18,10 @@ if TYPE_CHECKING:
 _ALL = "all"
 FolderOption = Annotated[
     Path | None,
-    typer.Option(
-        metavar="FOLDER",
-        help="Folder of the files that the scenario names. Default: that of the scenario when it was computed, "
+    value_option(
+        "FOLDER",
+        "Folder of the files that the scenario names. Default: that of the scenario when it was computed, "
         "the working folder, or that of the result.",
-        show_default=False,
     ),
 ]
 
@@ -33,7 +32,7 @@ def _check_folder(folder: Path | None) -> None:
 
 
 def verify(
-    file: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="The result.", show_default=False)],
+    file: Annotated[Path, argument("RESULT.h5", "The result.")],
     folder: FolderOption = None,
     runs: Annotated[
         str,
@@ -89,12 +88,13 @@ def _print(found: Verification, quiet: bool) -> None:
 
 
 def evidence(
-    file: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="The result.", show_default=False)],
+    file: Annotated[Path, argument("RESULT.h5", "The result.")],
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FOLDER",
-                     help="New or empty folder. Default: <result stem>_evidence in the folder of the result.",
-                     show_default=False),
+        value_option(
+            "FOLDER", "New or empty folder. Default: <result stem>_evidence in the folder of the result.",
+            "--output", "-o",
+        ),
     ] = None,
     folder: FolderOption = None,
     licence: Annotated[
