@@ -249,12 +249,9 @@ class _Filtered:
     errors: ErrorHistory
 
 
-def fly_inputs(
-    flight: Flight, inputs: Inputs, count: int, measured: bool = False, first_order: Linear | None = None
-) -> Run:
-    """Run the filter on these inputs; returns the first `count` landings, with their measurements and first-order
-    errors if requested."""
-    return _as_runs(flight, inputs, _filter(flight, inputs), count, measured, first_order)
+def fly_inputs(flight: Flight, inputs: Inputs, count: int) -> Run:
+    """Run the filter on these inputs; returns the first `count` landings without their measurements."""
+    return _as_runs(flight, inputs, _filter(flight, inputs), count, measured=False, first_order=None)
 
 
 def _filter(flight: Flight, inputs: Inputs) -> _Filtered:

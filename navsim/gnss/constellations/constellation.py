@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 
-from navsim.gnss.constellations.messages import Messages
+from navsim.gnss.constellations.messages import Messages, for_each
 from navsim.gnss.constellations.systems import System
 
 
@@ -57,6 +57,28 @@ class Constellation(Protocol):
 
     def messages(self, gpst: np.ndarray) -> Messages | None:
         """Messages of its satellites at GPS times (m,), real or simulated; None without messages."""
+
+
+class WithoutMessages:
+    """Part of constellations that are of no messages: two-line elements, and tables of positions and clocks."""
+
+    names: tuple[str, ...]
+
+    def accuracy(self, gpst: np.ndarray) -> np.ndarray:
+        """Unknown (m, n): none that is read."""
+        return np.full(for_each(gpst, len(self.names)).shape, np.nan)
+
+    def using_unhealthy(self) -> Self:
+        """Itself: no satellite is marked as unhealthy."""
+        return self
+
+    def broadcast(self, first: float, last: float) -> Self:
+        """Itself: it makes no messages."""
+        return self
+
+    def messages(self, gpst: np.ndarray) -> Messages | None:
+        """None: it makes no messages."""
+        return None
 
 
 def carriers(constellation: Constellation) -> np.ndarray:

@@ -45,8 +45,30 @@ _CHANNELS = (1, -4, 5, 6, 1, -4, 5, 6, -2, -7, 0, -1, -2, -7, 0, -1, 4, -3, 3, 2
 """Frequency channels by slot, shared by satellites on opposite sides of the Earth, as of 2018."""
 
 
+class _Slots:
+    """Satellites by their orbital slots."""
+
+    slot: np.ndarray
+    channel: np.ndarray
+    system = GLONASS
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """R01, R02, ... of `slot`."""
+        return tuple(self.system.satellite(slot) for slot in self.slot)
+
+    @property
+    def channels(self) -> Mapping[str, int]:
+        """Frequency channels by name."""
+        return dict(zip(self.names, self.channel.tolist(), strict=True))
+
+    def accuracy(self, gpst: np.ndarray) -> np.ndarray:
+        """Unknown (m, n): neither almanacs nor designs contain it."""
+        return np.full(for_each(gpst, self.slot.size).shape, np.nan)
+
+
 @dataclass(frozen=True)
-class GlonassAlmanac:
+class GlonassAlmanac(_Slots):
     """Almanac of n satellites; every array (n,), angles rad, times s."""
 
     slot: np.ndarray
@@ -72,18 +94,6 @@ class GlonassAlmanac:
     """Frequency channel, int."""
     use_unhealthy: bool = False
     """Use satellites that are not healthy."""
-
-    system = GLONASS
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """R01, R02, ... of `slot`."""
-        return tuple(self.system.satellite(slot) for slot in self.slot)
-
-    @property
-    def channels(self) -> Mapping[str, int]:
-        """Frequency channels by name."""
-        return dict(zip(self.names, self.channel.tolist(), strict=True))
 
     @property
     def usable(self) -> np.ndarray:
@@ -145,10 +155,6 @@ class GlonassAlmanac:
         unknown = np.full(for_each(gpst, self.slot.size).shape, np.nan)
         return unknown, unknown.copy()
 
-    def accuracy(self, gpst: np.ndarray) -> np.ndarray:
-        """Unknown (m, n): almanacs do not contain it."""
-        return np.full(for_each(gpst, self.slot.size).shape, np.nan)
-
     def using_unhealthy(self) -> GlonassAlmanac:
         """Copy that also uses unhealthy satellites."""
         return replace(self, use_unhealthy=True)
@@ -163,7 +169,7 @@ class GlonassAlmanac:
 
 
 @dataclass(frozen=True)
-class Glonass24Slots:
+class Glonass24Slots(_Slots):
     """The design constellation: 24 satellites on circles of 25 508 km radius at 64.8 degrees, in three planes 120
     degrees apart, eight a plane 45 degrees apart, shifted 15 degrees from plane to plane [2].
 
@@ -174,18 +180,6 @@ class Glonass24Slots:
     slot: np.ndarray = field(default_factory=lambda: np.arange(1, GLONASS.slots + 1))
     healthy: np.ndarray = field(default_factory=lambda: np.ones(GLONASS.slots, dtype=bool))
     channel: np.ndarray = field(default_factory=lambda: np.array(_CHANNELS))
-
-    system = GLONASS
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """R01, R02, ... of `slot`."""
-        return tuple(self.system.satellite(slot) for slot in self.slot)
-
-    @property
-    def channels(self) -> Mapping[str, int]:
-        """Frequency channels by name."""
-        return dict(zip(self.names, self.channel.tolist(), strict=True))
 
     @property
     def usable(self) -> np.ndarray:
@@ -217,10 +211,6 @@ class Glonass24Slots:
         """Perfect (m, n): zeros."""
         shape = for_each(gpst, self.slot.size).shape
         return np.zeros(shape), np.zeros(shape)
-
-    def accuracy(self, gpst: np.ndarray) -> np.ndarray:
-        """Unknown (m, n): a design has none."""
-        return np.full(for_each(gpst, self.slot.size).shape, np.nan)
 
     def using_unhealthy(self) -> Glonass24Slots:
         """Itself: all are healthy."""

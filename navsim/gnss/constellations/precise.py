@@ -14,7 +14,8 @@ import numpy as np
 
 from navsim.geodesy.earth import RATE, SPEED_OF_LIGHT
 from navsim.gnss import timescales
-from navsim.gnss.constellations.messages import Messages, for_each
+from navsim.gnss.constellations.constellation import WithoutMessages
+from navsim.gnss.constellations.messages import for_each
 from navsim.gnss.constellations.systems import SYSTEMS, System
 
 _POINTS = 10
@@ -94,7 +95,7 @@ class OrbitTable:
 
 
 @dataclass(frozen=True)
-class PreciseOrbits:
+class PreciseOrbits(WithoutMessages):
     """Satellites of one system by a table of positions and clocks, see `OrbitTable`."""
 
     system: System
@@ -224,22 +225,6 @@ class PreciseOrbits:
         relativity = -2.0 * np.sum(position * velocity, axis=2) / SPEED_OF_LIGHT**2
         # the velocity in rotating axes will do: the Earth's rate is across the position
         return self.offset[low, column] + rate * (gpst - self.time[low]) + relativity, rate
-
-    def accuracy(self, gpst: np.ndarray) -> np.ndarray:
-        """Unknown (m, n): tables have none that is read."""
-        return np.full(for_each(gpst, len(self.names)).shape, np.nan)
-
-    def using_unhealthy(self) -> PreciseOrbits:
-        """Itself."""
-        return self
-
-    def broadcast(self, first: float, last: float) -> PreciseOrbits:
-        """Itself: no messages are made from tables."""
-        return self
-
-    def messages(self, gpst: np.ndarray) -> Messages | None:
-        """None: no messages are made from tables."""
-        return None
 
 
 def _runs(marks: np.ndarray) -> list[tuple[int, int]]:

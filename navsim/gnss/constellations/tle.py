@@ -19,7 +19,8 @@ import numpy as np
 
 from navsim.geodesy.earth import RATE
 from navsim.gnss import timescales
-from navsim.gnss.constellations.messages import Messages, for_each
+from navsim.gnss.constellations.constellation import WithoutMessages
+from navsim.gnss.constellations.messages import for_each
 from navsim.gnss.constellations.systems import NAMES, SYSTEMS, TITLES, UNKNOWN, UNTITLED, System, system_of
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ class TwoLineSets:
 
 
 @dataclass(frozen=True)
-class TwoLineElements:
+class TwoLineElements(WithoutMessages):
     """Satellites of one system by two-line elements, see `TwoLineSets`."""
 
     system: System
@@ -158,19 +159,3 @@ class TwoLineElements:
         """Unknown (m, n): elements are of orbits alone."""
         unknown = np.full(for_each(gpst, len(self.names)).shape, np.nan)
         return unknown, unknown.copy()
-
-    def accuracy(self, gpst: np.ndarray) -> np.ndarray:
-        """Unknown (m, n): elements are of orbits alone."""
-        return np.full(for_each(gpst, len(self.names)).shape, np.nan)
-
-    def using_unhealthy(self) -> TwoLineElements:
-        """Itself."""
-        return self
-
-    def broadcast(self, first: float, last: float) -> TwoLineElements:
-        """Itself: no messages are made from two-line elements."""
-        return self
-
-    def messages(self, gpst: np.ndarray) -> Messages | None:
-        """None: no messages are made from two-line elements."""
-        return None
