@@ -12,29 +12,8 @@ from bokeh.plotting import figure
 from navsim.companions.atc import report as atc
 from navsim.companions.azimuth import report as azimuth
 from navsim.companions.elevation import report as elevation
-from navsim.page.plots import (
-    ORANGE,
-    Drawing,
-    Key,
-    Named,
-    band,
-    bar,
-    cells,
-    colour,
-    level,
-    line,
-    most_thinned,
-    names,
-    plot,
-    reach,
-    shades,
-    some,
-    source,
-    stretch,
-    tell,
-    ticks,
-    upright,
-)
+from navsim.page import plots
+from navsim.page.plots import Drawing, Key, Named
 from navsim.report.figure_data import settled
 from navsim.report.result_cells import setting
 from navsim.results.result import Result
@@ -58,10 +37,10 @@ def atcs(results: Sequence[Named]) -> list[Drawing]:
     out = []
     for k, (_, result) in enumerate(results):
         anchor, called = _several(results, k)
-        panels = [plot("Range", "time, s", "RMSE, m", 280), plot("Range rate", "time, s", "RMSE, m/s", 280)]
+        panels = [plots.plot("Range", "time, s", "RMSE, m", 280), plots.plot("Range rate", "time, s", "RMSE, m/s", 280)]
         panels[1].x_range = panels[0].x_range
         time = result["/time"]
-        late, which = settled(time), some(time.size, 800)
+        late, which = settled(time), plots.thin(time.size, 800)
         marks: list[list[Any]] = [[], []]
         seen: list[list[np.ndarray]] = [[], []]
         filters = [str(name) for name in result["/filter"]]
@@ -69,16 +48,18 @@ def atcs(results: Sequence[Named]) -> list[Drawing]:
             error, sigma = result[f"/filters/{name}/error"], result[f"/filters/{name}/sigma"]
             for i, on in enumerate(panels):
                 rmse = _rmse(error[:, :, i])
-                of = source(x=which(time), y=which(rmse), sigma=which(sigma[:, i]))
-                line(on, of, "sigma", colour(f), line_dash="dotted", line_width=1)
-                marks[i].append(line(on, of, "y", colour(f), name=name))
+                of = plots.source(x=which(time), y=which(rmse), sigma=which(sigma[:, i]))
+                plots.line(on, of, "sigma", plots.colour(f), line_dash="dotted", line_width=1)
+                marks[i].append(plots.line(on, of, "y", plots.colour(f), name=name))
                 seen[i] += [rmse[late], sigma[late, i]]
         for i, on in enumerate(panels):
             for begin, end in setting(result, "circuit", "manoeuvre_s"):
-                stretch(on, begin, end, upright=True)
-            reach(on, seen[i])
-            tell(on, marks[i], ("", "$name"), ("time", "@x{0.0} s"), ("RMSE", "@y{0.000}"), (_OF_RUNS, "@sigma{0.000}"))
-        keys = [Key(f"{name}: {atc.WORDS[name]}", colour(f)) for f, name in enumerate(filters)]
+                plots.shaded_interval(on, begin, end, upright=True)
+            plots.extend_y_axis(on, seen[i])
+            plots.hover_text(
+                on, marks[i], ("", "$name"), ("time", "@x{0.0} s"), ("RMSE", "@y{0.000}"), (_OF_RUNS, "@sigma{0.000}")
+            )
+        keys = [Key(f"{name}: {atc.WORDS[name]}", plots.colour(f)) for f, name in enumerate(filters)]
         caption = (
             f"{atc.case_label(result['/case'][0])}, {_runs(result)}; dotted: {_OF_RUNS}; shaded: manoeuvres."
             + which.caption("scan")
@@ -96,20 +77,22 @@ def _runs(result: Result) -> str:
 def _ratios(result: Result, anchor: str, called: str) -> Drawing:
     states = [str(name).replace("_", " ") for name in result["/state"]]
     cases, ratios = result["/case"], result["/summary/decoupled_to_full"][:, 0, 0]
-    on = plot("", "", "RMSE, adapt / full, manoeuvre", 320)
+    on = plots.plot("", "", "RMSE, adapt / full, manoeuvre", 320)
     marks, keys = [], []
     for c, case in enumerate(cases):
         at = np.arange(len(states)) + 0.6 / cases.size * (c - 0.5 * (cases.size - 1))
         value, low, high = ratios[c].T
-        of = source(x=at, y=value, low=low, high=high, state=states)
-        on.segment("x", "low", "x", "high", source=of, line_color=colour(c), line_width=2)
+        of = plots.source(x=at, y=value, low=low, high=high, state=states)
+        on.segment("x", "low", "x", "high", source=of, line_color=plots.colour(c), line_width=2)
         text = atc.case_label(case)
-        marks.append(on.scatter("x", "y", source=of, size=7, color=colour(c), name=text))
-        keys.append(Key(text, colour(c), "dot"))
-    ticks(on, on.xaxis[0], range(len(states)), states)
+        marks.append(on.scatter("x", "y", source=of, size=7, color=plots.colour(c), name=text))
+        keys.append(Key(text, plots.colour(c), "dot"))
+    plots.ticks(on, on.xaxis[0], range(len(states)), states)
     on.xaxis[0].major_label_orientation = 0.7
-    level(on, 1.0)
-    tell(on, marks, ("", "$name"), ("", "@state"), ("ratio", "@y{0.000}"), ("95 %", "@low{0.000} to @high{0.000}"))
+    plots.horizontal_line(on, 1.0)
+    plots.hover_text(
+        on, marks, ("", "$name"), ("", "@state"), ("ratio", "@y{0.000}"), ("95 %", "@low{0.000} to @high{0.000}")
+    )
     caption = "Cost of decoupling for each state, with 95 % intervals; 1: no cost."
     return Drawing(f"ratios{anchor}", f"Decoupled over full{called}", [on], caption, keys, 1)
 
@@ -120,21 +103,21 @@ def azimuths(results: Sequence[Named]) -> list[Drawing]:
     for k, (_, result) in enumerate(results):
         anchor, called = _several(results, k)
         words = azimuth.filter_labels(result)
-        on = plot("", "time, s", "azimuth RMSE, deg", 340, y_axis_type="log")
+        on = plots.plot("", "time, s", "azimuth RMSE, deg", 340, y_axis_type="log")
         time = result["/time"]
-        which = some(time.size, 800)
+        which = plots.thin(time.size, 800)
         marks, keys = [], []
         for f, name in enumerate(("S1", "S2", "L1", "L2", "L3", "L4")):
-            of = source(x=which(time), y=which(_rmse(result[f"/filters/{name}/error_deg"])),
-                        sigma=which(result[f"/filters/{name}/sigma_deg"]))  # fmt: skip
-            line(on, of, "sigma", colour(f), line_dash="dotted", line_width=1)
-            marks.append(line(on, of, "y", colour(f), name=name))
-            keys.append(Key(f"{name}: {words[name]}", colour(f)))
+            of = plots.source(x=which(time), y=which(_rmse(result[f"/filters/{name}/error_deg"])),
+                              sigma=which(result[f"/filters/{name}/sigma_deg"]))  # fmt: skip
+            plots.line(on, of, "sigma", plots.colour(f), line_dash="dotted", line_width=1)
+            marks.append(plots.line(on, of, "y", plots.colour(f), name=name))
+            keys.append(Key(f"{name}: {words[name]}", plots.colour(f)))
         turns = np.flatnonzero(result["/truth/roll"] != 0.0)
         for run in np.split(turns, np.flatnonzero(np.diff(turns) > 1) + 1) if turns.size else []:
             begin, end = (float(result["/truth/time"][at]) for at in run[[0, -1]])
-            stretch(on, begin, end, upright=True)
-        tell(
+            plots.shaded_interval(on, begin, end, upright=True)
+        plots.hover_text(
             on,
             marks,
             ("", "$name"),
@@ -154,39 +137,39 @@ def azimuths(results: Sequence[Named]) -> list[Drawing]:
 
 
 def _accelerations(result: Result, anchor: str, called: str) -> Drawing:
-    plan = plot("Circuit", "east, km", "north, km", 320, match_aspect=True)
-    below = plot("Acceleration of the azimuth", "time, s", "10⁻³ deg/s²", 320)
+    plan = plots.plot("Circuit", "east, km", "north, km", 320, match_aspect=True)
+    below = plots.plot("Acceleration of the azimuth", "time, s", "10⁻³ deg/s²", 320)
     time = result["/truth/time"]
-    which = some(time.size, 800)
+    which = plots.thin(time.size, 800)
     position = which(result["/truth/position"]) / 1e3
-    of = source(x=position[:, 2], y=position[:, 0], time=which(time))
-    drawn = line(plan, of, "y", colour(0))
-    plan.scatter([0.0], [0.0], marker="triangle", size=11, color=ORANGE)
-    names(plan, 0.0, 0.0, ["radar"])
-    tell(plan, [drawn], ("time", "@time{0.0} s"), ("east", "@x{0.00} km"), ("north", "@y{0.00} km"))
+    of = plots.source(x=position[:, 2], y=position[:, 0], time=which(time))
+    drawn = plots.line(plan, of, "y", plots.colour(0))
+    plan.scatter([0.0], [0.0], marker="triangle", size=11, color=plots.ORANGE)
+    plots.names(plan, 0.0, 0.0, ["radar"])
+    plots.hover_text(plan, [drawn], ("time", "@time{0.0} s"), ("east", "@x{0.00} km"), ("north", "@y{0.00} km"))
     marks = []
     for i, (path, text) in enumerate((("", "exact"), ("_literal", "the paper's (14)"))):
         values = 1e3 * which(result[f"/truth/azimuth_acceleration{path}"])
-        marks.append(line(below, source(x=which(time), y=values), "y", colour(i), name=text))
-    reach(below, [np.array([azimuth.shown_acceleration(result)]) / 1.08], symmetric=True)
-    tell(below, marks, ("", "$name"), ("time", "@x{0.0} s"), ("", "@y{0.000}"))
+        marks.append(plots.line(below, plots.source(x=which(time), y=values), "y", plots.colour(i), name=text))
+    plots.extend_y_axis(below, [np.array([azimuth.shown_acceleration(result)]) / 1.08], symmetric=True)
+    plots.hover_text(below, marks, ("", "$name"), ("time", "@x{0.0} s"), ("", "@y{0.000}"))
     caption = "The circuit seen from above, and what drives the azimuth." + which.caption()
-    keys = [Key("exact", colour(0)), Key("the paper's (14)", colour(1))]
+    keys = [Key("exact", plots.colour(0)), Key("the paper's (14)", plots.colour(1))]
     return Drawing(f"accelerations{anchor}", f"Accelerations{called}", [plan, below], caption, keys)
 
 
 def _where(result: Result, anchor: str, called: str) -> Drawing:
     both = [result[name] for name in ("/map/ratio", "/map/ratio_by_latency")]
-    mapper = shades(min(float(each.min()) for each in both), max(float(each.max()) for each in both))
+    mapper = plots.colour_map(min(float(each.min()) for each in both), max(float(each.max()) for each in both))
     rows = [f"{x:g}" for x in result["/map/scan_period"]]
     panels = []
     for values, across, label in zip(both, (result["/map/azimuth_sigma"], result["/map/report_age"]),
                                      ("σ of azimuth, deg", "age of reports, s"), strict=True):  # fmt: skip
         columns = [f"{x:g}" for x in across]
-        on = plot("", label, "scan period, s", 370, x_range=FactorRange(*columns), y_range=FactorRange(*rows))
-        drawn = cells(on, rows, columns, values, "{:.2f}", mapper)
-        tell(on, [drawn], (label, "@x"), ("scan period", "@y s"), ("Singer / L4", "@value{0.000}"))
-        bar(on, mapper, "RMSE of Singer over that of L4")
+        on = plots.plot("", label, "scan period, s", 370, x_range=FactorRange(*columns), y_range=FactorRange(*rows))
+        drawn = plots.cells(on, rows, columns, values, "{:.2f}", mapper)
+        plots.hover_text(on, [drawn], (label, "@x"), ("scan period", "@y s"), ("Singer / L4", "@value{0.000}"))
+        plots.bar(on, mapper, "RMSE of Singer over that of L4")
         panels.append(on)
     low, high = azimuth.CLAIM
     caption = (
@@ -214,15 +197,15 @@ def elevations(results: Sequence[Named]) -> list[Drawing]:
 
 def _approach(result: Result, anchor: str, called: str) -> Drawing:
     time = result["/approach/time"]
-    which = some(time.size, 1000)
+    which = plots.thin(time.size, 1000)
     panels: list[figure] = []
     for name, label in (("beta", "β, deg"), ("beta_rate", "β', deg/s"), ("beta_acceleration", "β'', deg/s²")):
-        on = plot("", "time, s", label, 230)
+        on = plots.plot("", "time, s", label, 230)
         on.x_range = panels[0].x_range if panels else on.x_range
-        drawn = line(on, source(x=which(time), y=which(result[f"/approach/{name}"])), "y", colour(0))
+        drawn = plots.line(on, plots.source(x=which(time), y=which(result[f"/approach/{name}"])), "y", plots.colour(0))
         for edge in result["/approach/segment_start"][1:]:
-            upright(on, float(edge))
-        tell(on, [drawn], ("time", "@x{0.0} s"), (label, "@y{0.00000}"))
+            plots.vertical_line(on, float(edge))
+        plots.hover_text(on, [drawn], ("time", "@x{0.0} s"), (label, "@y{0.00000}"))
         panels.append(on)
     segments = ", ".join(map(str, result["/approach/segment"]))
     caption = f"The angle over the approach and its derivatives; segments: {segments}."
@@ -236,16 +219,22 @@ def _proof(result: Result, anchor: str, called: str) -> Drawing:
     for i, label in enumerate(("σ of β, deg", "σ of β', deg/s")):
         theory = np.sqrt(result["/filter/covariance"][:, i, i])
         sample = np.sqrt(result["/montecarlo/covariance"][:, i, i])
-        of = source(x=time, theory=theory, sample=sample, low=(1.0 - share) * theory, high=(1.0 + share) * theory)
-        on = plot("", "time, s", label, 260)
+        of = plots.source(x=time, theory=theory, sample=sample, low=(1.0 - share) * theory, high=(1.0 + share) * theory)
+        on = plots.plot("", "time, s", label, 260)
         on.x_range = panels[0].x_range if panels else on.x_range
-        band(on, of, "low", "high", colour(1))
-        marks = [line(on, of, "theory", colour(1)), line(on, of, "sample", colour(0))]
-        reach(on, [np.array([2.0 * theory[-1]])])
-        tell(on, marks[1:], ("time", "@x{0.00} s"), ("runs", "@sample{0.00000}"), ("filter", "@theory{0.00000}"))
+        plots.band(on, of, "low", "high", plots.colour(1))
+        marks = [plots.line(on, of, "theory", plots.colour(1)), plots.line(on, of, "sample", plots.colour(0))]
+        plots.extend_y_axis(on, [np.array([2.0 * theory[-1]])])
+        plots.hover_text(
+            on, marks[1:], ("time", "@x{0.00} s"), ("runs", "@sample{0.00000}"), ("filter", "@theory{0.00000}")
+        )
         panels.append(on)
     runs = int(result["/montecarlo/runs"])
-    keys = [Key("filter", colour(1)), Key(f"{runs} runs", colour(0)), Key(f"±{100 * share:g} %", colour(1), "band")]
+    keys = [
+        Key("filter", plots.colour(1)),
+        Key(f"{runs} runs", plots.colour(0)),
+        Key(f"±{100 * share:g} %", plots.colour(1), "band"),
+    ]
     return Drawing(
         f"proof{anchor}", f"Proof by runs{called}", panels, "The first experiment and the filter's covariance.", keys
     )
@@ -254,10 +243,10 @@ def _proof(result: Result, anchor: str, called: str) -> Drawing:
 def _nominal(result: Result, anchor: str, called: str) -> Drawing:
     time = result["/nominal/time"]
     late = elevation.judged(result)
-    which = some(int(late.sum()), 800)
+    which = plots.thin(int(late.sum()), 800)
     panels = [
-        plot("Bias", "time of the approach, s", "10⁻³ deg", 260),
-        plot("RMSE", "time of the approach, s", "10⁻³ deg", 260),
+        plots.plot("Bias", "time of the approach, s", "10⁻³ deg", 260),
+        plots.plot("RMSE", "time of the approach, s", "10⁻³ deg", 260),
     ]
     panels[1].x_range = panels[0].x_range
     marks: list[list[Any]] = [[], []]
@@ -265,11 +254,11 @@ def _nominal(result: Result, anchor: str, called: str) -> Drawing:
     for i, q in enumerate(result["/nominal/rate_variance"]):
         bias = result["/nominal/bias"][i]
         for k, values in enumerate((bias, np.hypot(bias, result["/nominal/noise"][i]))):
-            of = source(x=which(time[late]), y=which(1e3 * values[late]))
-            marks[k].append(line(panels[k], of, "y", colour(i), name=f"Q = {digits(q)}"))
-        keys.append(Key(f"Q = {digits(q)} (deg/s)²", colour(i)))
+            of = plots.source(x=which(time[late]), y=which(1e3 * values[late]))
+            marks[k].append(plots.line(panels[k], of, "y", plots.colour(i), name=f"Q = {digits(q)}"))
+        keys.append(Key(f"Q = {digits(q)} (deg/s)²", plots.colour(i)))
     for k, on in enumerate(panels):
-        tell(on, marks[k], ("", "$name"), ("time", "@x{0.0} s"), ("", "@y{0.000}"))
+        plots.hover_text(on, marks[k], ("", "$name"), ("time", "@x{0.0} s"), ("", "@y{0.000}"))
     panels[1].y_range.start = 0.0
     caption = (
         "The nominal approach after settling: what the model leaves, and that with the noise of the angles."
@@ -282,16 +271,16 @@ def _curves(curves: Sequence[elevation.Curve], titles: tuple[str, str], anchor: 
     """Curves in two panels side by side."""
     panels, keys, thinned = [], [], []
     for panel, head in enumerate(titles):
-        on = plot(head, "time of the approach, s", "10⁻³ deg", 260)
+        on = plots.plot(head, "time of the approach, s", "10⁻³ deg", 260)
         marks = []
         for i, curve in enumerate(c for c in curves if c.panel == panel):
-            which = some(curve.time.size, 800)
+            which = plots.thin(curve.time.size, 800)
             thinned.append(which)
-            of = source(x=which(curve.time), y=which(curve.values))
-            marks.append(line(on, of, "y", colour(i), name=curve.name))
-            key = Key(curve.name, colour(i))
+            of = plots.source(x=which(curve.time), y=which(curve.values))
+            marks.append(plots.line(on, of, "y", plots.colour(i), name=curve.name))
+            key = Key(curve.name, plots.colour(i))
             keys += [key] if key not in keys else []
-        tell(on, marks, ("", "$name"), ("time", "@x{0.0} s"), ("", "@y{0.000}"))
+        plots.hover_text(on, marks, ("", "$name"), ("time", "@x{0.0} s"), ("", "@y{0.000}"))
         panels.append(on)
-    caption = "On the nominal approach, after settling." + most_thinned(thinned).caption()
+    caption = "On the nominal approach, after settling." + plots.most_thinned(thinned).caption()
     return Drawing(anchor, title, panels, caption, keys)

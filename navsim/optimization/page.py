@@ -7,24 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from navsim.optimization import report
-from navsim.page.plots import (
-    GREY,
-    ORANGE,
-    Drawing,
-    Key,
-    Named,
-    colour,
-    image,
-    keys_of,
-    labels,
-    level,
-    line,
-    plot,
-    reach,
-    shades,
-    source,
-    tell,
-)
+from navsim.page import plots
+from navsim.page.plots import Drawing, Key, Named
 from navsim.results.result import Result
 from navsim.results.schema import LARGE
 from navsim.sweeps.page import RUNWAY, draw_runway, shade_ground, terrain_key
@@ -49,7 +33,7 @@ def _front(results: Sequence[Named]) -> Drawing:
         ]  # fmt: skip
         points = [report.front_of(r) for _, _, r in mine]
         what = points[0].label
-        on = plot("", what, report.label(mine[0][2]), 300)
+        on = plots.plot("", what, report.label(mine[0][2]), 300)
         marks, values = [], []
         for (i, name, _), front in zip(mine, points, strict=True):
             values += [front.value, front.runs]
@@ -57,22 +41,22 @@ def _front(results: Sequence[Named]) -> Drawing:
             if front.met is not None:
                 verdicts = ["requirements met" if each else "requirements not met" for each in front.met]
                 said = [", ".join(filter(None, both)) for both in zip(said, verdicts, strict=True)]
-            line(on, source(x=front.x[front.line], y=front.value[front.line]), "y", colour(i))
-            of = source(x=front.x, y=front.value, said=said)
-            marks.append(on.scatter("x", "y", source=of, size=9, color=colour(i), name=name))
-            runs = source(x=front.flown, y=front.runs[:, 0], low=front.runs[:, 1], high=front.runs[:, 2])
-            on.segment("x", "low", "x", "high", source=runs, line_color=colour(i), line_width=1.5)
-            on.scatter("x", "y", source=runs, marker="square", size=6, color=colour(i), fill_color="white")
+            plots.line(on, plots.source(x=front.x[front.line], y=front.value[front.line]), "y", plots.colour(i))
+            of = plots.source(x=front.x, y=front.value, said=said)
+            marks.append(on.scatter("x", "y", source=of, size=9, color=plots.colour(i), name=name))
+            runs = plots.source(x=front.flown, y=front.runs[:, 0], low=front.runs[:, 1], high=front.runs[:, 2])
+            on.segment("x", "low", "x", "high", source=runs, line_color=plots.colour(i), line_width=1.5)
+            on.scatter("x", "y", source=runs, marker="square", size=6, color=plots.colour(i), fill_color="white")
             if front.met is not None:
-                unmet = source(x=front.x[~front.met], y=front.value[~front.met])
-                on.scatter("x", "y", source=unmet, marker="x", size=15, line_color=ORANGE, line_width=2)
+                unmet = plots.source(x=front.x[~front.met], y=front.value[~front.met])
+                on.scatter("x", "y", source=unmet, marker="x", size=15, line_color=plots.ORANGE, line_width=2)
             if front.names:
-                labels(on, front.x, front.value, front.names)
+                plots.labels(on, front.x, front.value, front.names)
         if not any(front.names for front in points):
             on.xaxis[0].ticker = sorted({int(x) for front in points for x in front.x})
-        reach(on, values)
+        plots.extend_y_axis(on, values)
         text = (report.label(mine[0][2]), "@y{0.0000}")
-        tell(on, marks, ("", "$name"), (what, "@x{0}"), text, ("", "@said"))
+        plots.hover_text(on, marks, ("", "$name"), (what, "@x{0}"), text, ("", "@said"))
         panels.append(on)
     judged = any("/pareto/met" in r for _, r in results)
     checked = any(report.front_of(r).flown.size for _, r in results)
@@ -82,7 +66,12 @@ def _front(results: Sequence[Named]) -> Drawing:
     caption += " Squares with 95 % intervals: found by runs." if checked else ""
     caption += " Crosses: requirements are not met." if judged else ""
     return Drawing(
-        "front", f"What {report.placed(results[0][1])} buy", panels, caption, keys_of(results), min(2, len(panels))
+        "front",
+        f"What {report.placed(results[0][1])} buy",
+        panels,
+        caption,
+        plots.keys_of(results),
+        min(2, len(panels)),
     )
 
 
@@ -93,32 +82,32 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
     panels = []
     for i in report.plan_rows(result):
         count = int(result["/pseudolites"][i])
-        on = plot(report.plan_title(result, i), "beyond the threshold (= -l1), m", "right of the axis, m", 410)
+        on = plots.plot(report.plan_title(result, i), "beyond the threshold (= -l1), m", "right of the axis, m", 410)
         values = result["/map/objective"][i]
         known = values[np.isfinite(values)]
         sites = (-result["/optimum/l1"][i][:count], result["/optimum/s"][i][:count])
         if known.size:
             low, high = np.percentile(known, [5, 100] if large else [0, 95]).tolist()
-            mapper = shades(low, max(high, low + 1e-12), reverse=not large)
+            mapper = plots.colour_map(low, max(high, low + 1e-12), reverse=not large)
             flipped = values[:, ::-1] if along[-1] < along[0] else values
             half = [0.5 * abs(float(e[1] - e[0])) if e.size > 1 else 1.0 for e in (along, s)]
             ends = [(float(e.min()) - h, float(e.max()) + h) for e, h in zip((along, s), half, strict=True)]
             flipped = flipped if s[-1] > s[0] else flipped[::-1]
             shade_ground(on, *map(np.array, ends))
-            drawn = image(on, flipped, ends[0], ends[1], mapper, report.label(result))
+            drawn = plots.image(on, flipped, ends[0], ends[1], mapper, report.label(result))
             if "/map/seen" in result:
                 on.contour(along, s, result["/map/seen"], levels=[0.5, 0.999], line_color="white")
-            tell(
+            plots.hover_text(
                 on,
                 [drawn],
                 ("along", "$x{0} m"),
                 ("right", "$y{0} m"),
                 (f"{report.site_name(result, 0)} there", "@image{0.0000}"),
             )
-        of = source(x=sites[0], y=sites[1], said=[report.site_name(result, n) for n in range(count)])
-        stars = on.scatter("x", "y", source=of, marker="star", size=15, fill_color=ORANGE, line_color="white")
-        labels(on, *sites, [report.site_name(result, n) for n in range(count)])
-        tell(on, [stars], ("", "@said"), ("along", "@x{0.00} m"), ("right", "@y{0.00} m"))
+        of = plots.source(x=sites[0], y=sites[1], said=[report.site_name(result, n) for n in range(count)])
+        stars = on.scatter("x", "y", source=of, marker="star", size=15, fill_color=plots.ORANGE, line_color="white")
+        plots.labels(on, *sites, [report.site_name(result, n) for n in range(count)])
+        plots.hover_text(on, [stars], ("", "@said"), ("along", "@x{0.00} m"), ("right", "@y{0.00} m"))
         draw_runway(on, result, [(np.append(along, sites[0]), np.append(s, sites[1][0]).repeat(1))])
         panels.append(on)
     unmet = ", or requirements are not met" if "/pareto/met" in result else ""
@@ -133,8 +122,8 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
     title = f"Placement map{f' ({name})' if several else ''}"
     keys = [
         RUNWAY,
-        Key(report.placed(result), ORANGE, "star"),
-        Key(f"not allowed, or no value{unmet}", GREY, "band"),
+        Key(report.placed(result), plots.ORANGE, "star"),
+        Key(f"not allowed, or no value{unmet}", plots.GREY, "band"),
         *terrain_key(result),
     ]
     return Drawing(f"plan-{k}", title, panels, caption, keys, min(2, len(panels)))
@@ -143,17 +132,17 @@ def _plan(k: int, name: str, result: Result, several: bool) -> Drawing:
 def _requirements(k: int, name: str, result: Result, several: bool) -> Drawing:
     """Utilisation of each requirement, by number of pseudolites."""
     what = report.placed(result)
-    on = plot("", what, "size kept as often as required, relative to the required size", 320)
+    on = plots.plot("", what, "size kept as often as required, relative to the required size", 320)
     counts, statements, used = report.used(result)
     marks = []
     for i, statement in enumerate(statements):
-        of = source(x=counts, y=used[:, i])
-        line(on, of, "y", colour(i))
-        marks.append(on.scatter("x", "y", source=of, size=8, color=colour(i), name=statement))
-    level(on, 1.0)
-    reach(on, [used], 1.1)
+        of = plots.source(x=counts, y=used[:, i])
+        plots.line(on, of, "y", plots.colour(i))
+        marks.append(on.scatter("x", "y", source=of, size=8, color=plots.colour(i), name=statement))
+    plots.horizontal_line(on, 1.0)
+    plots.extend_y_axis(on, [used], 1.1)
     on.xaxis[0].ticker = [int(count) for count in counts]
-    tell(on, marks, ("", "$name"), (what, "@x{0}"), ("used", "@y{0.000}"))
-    keys = [Key(statement, colour(i)) for i, statement in enumerate(statements)]
+    plots.hover_text(on, marks, ("", "$name"), (what, "@x{0}"), ("used", "@y{0.000}"))
+    keys = [Key(statement, plots.colour(i)) for i, statement in enumerate(statements)]
     caption = "Below the dashed line a requirement is met. The table has those that only runs decide."
     return Drawing(f"requirements-{k}", f"Requirements{f' ({name})' if several else ''}", [on], caption, keys, 1)

@@ -20,7 +20,8 @@ from markupsafe import Markup
 
 import navsim
 from navsim.kinds import named
-from navsim.page.plots import Drawing, Named, colour
+from navsim.page import plots
+from navsim.page.plots import Drawing, Named
 from navsim.report import citations
 from navsim.report.compare import TEXTS, differences, settings_of
 from navsim.report.provenance import Read, provenance
@@ -105,7 +106,7 @@ def _colours(results: Sequence[Named]) -> list[str]:
     """The colours of results: those that drawings show together, flights or pushed runs, count through."""
     pushed = [result.attributes.get("method") == "rare" for _, result in results]
     order = sorted(range(len(results)), key=pushed.__getitem__)
-    return [colour(order.index(i)) for i in range(len(results))]
+    return [plots.colour(order.index(i)) for i in range(len(results))]
 
 
 _LONGEST_NUMBER = 24

@@ -10,44 +10,8 @@ import numpy as np
 from bokeh.models import Range1d
 from bokeh.plotting import figure
 
-from navsim.page import integrity, rare
-from navsim.page.plots import (
-    AXES,
-    BLUE,
-    BROWN,
-    GREEN,
-    GREY,
-    MOST_LINES,
-    ORANGE,
-    Drawing,
-    Key,
-    Named,
-    about_one,
-    band,
-    band_key,
-    colour,
-    downwards,
-    drawn_as,
-    from_runway,
-    having,
-    image,
-    keys_of,
-    level,
-    line,
-    most_thinned,
-    names,
-    plot,
-    reach,
-    shades,
-    some,
-    source,
-    stretch,
-    tell,
-    ticks,
-    upright,
-    view_from_above,
-    width,
-)
+from navsim.page import integrity, plots, rare
+from navsim.page.plots import Drawing, Key, Named
 from navsim.page.sky import beside, name_marks, sky_paper, skyline
 from navsim.page.terrain import plan_of, ridge_lines
 from navsim.page.touchdown import deviations, distribution, percentiles, scatter
@@ -75,7 +39,7 @@ from navsim.report.sky import SourceTrack, masked, source_tracks
 from navsim.results.result import Result
 from navsim.results.schema import RMS_WINDOW
 
-_ON_GROUND = ("pseudolites", "triangle", ORANGE), ("beacons", "square", GREEN)
+_ON_GROUND = ("pseudolites", "triangle", plots.ORANGE), ("beacons", "square", plots.GREEN)
 """Transmitters on the ground: group of the result, marker, colour."""
 _MOST_FIXES = 1500
 _RATIO_COLUMNS = 400
@@ -98,66 +62,80 @@ def drawings(results: Sequence[Named]) -> list[Drawing]:
 
 def track(results: Sequence[Named]) -> Drawing:
     """Plan view with pseudolites and beacons, and the height over the same distances."""
-    plan = plot("Plan", "", "right of the axis, m", 300)
-    profile = plot("Height", "beyond the threshold (= -l1), m", "height above the threshold, m", 220)
+    plan = plots.plot("Plan", "", "right of the axis, m", 300)
+    profile = plots.plot("Height", "beyond the threshold (= -l1), m", "height above the threshold, m", 220)
     lines: list[Any] = []
     places: list[Any] = []
     thinned = []
     runways = {(setting(r, "runway", "length_m"), setting(r, "runway", "width_m")) for _, r in results}
     for length, breadth in sorted(runways):
         plan.quad(
-            left=0.0, right=length, bottom=-breadth / 2, top=breadth / 2, fill_color=GREY, line_color=GREY, line_width=3
+            left=0.0,
+            right=length,
+            bottom=-breadth / 2,
+            top=breadth / 2,
+            fill_color=plots.GREY,
+            line_color=plots.GREY,
+            line_width=3,
         )
-    stretch(profile, 0.0, max(length for length, _ in runways), upright=True)
+    plots.shaded_interval(profile, 0.0, max(length for length, _ in runways), upright=True)
     for i, (name, result) in enumerate(results):
         path, time = in_runway_axes(result, result["/truth/position_llh"]), result["/truth/time"]
-        which = some(time.size, 600)
+        which = plots.thin(time.size, 600)
         thinned.append(which)
-        of = source(x=which(path[:, 0]), right=which(path[:, 1]), up=which(path[:, 2]), time=which(time))
-        own = width(i, len(results))
-        lines += [line(on, of, y, colour(i), name=name, line_width=own) for on, y in ((plan, "right"), (profile, "up"))]
+        of = plots.source(x=which(path[:, 0]), right=which(path[:, 1]), up=which(path[:, 2]), time=which(time))
+        own = plots.width(i, len(results))
+        lines += [
+            plots.line(on, of, y, plots.colour(i), name=name, line_width=own)
+            for on, y in ((plan, "right"), (profile, "up"))
+        ]
         for kind, mark, tint in _ON_GROUND:
             sites = result[f"/{kind}/name"] if f"/{kind}/name" in result else np.empty(0)
             if not sites.size:
                 continue
             at = in_runway_axes(result, result[f"/{kind}/position_llh"])
-            of = source(x=at[:, 0], y=at[:, 1], said=[str(site) for site in sites])
+            of = plots.source(x=at[:, 0], y=at[:, 1], said=[str(site) for site in sites])
             places.append(
-                plan.scatter("x", "y", source=of, marker=mark, size=11, color=tint if len(results) == 1 else colour(i),
-                             name=name)
+                plan.scatter("x", "y", source=of, marker=mark, size=11, name=name,
+                             color=tint if len(results) == 1 else plots.colour(i))
             )  # fmt: skip
-            names(plan, at[:, 0], at[:, 1], sites)
+            plots.names(plan, at[:, 0], at[:, 1], sites)
         if np.isfinite(landed := touchdown(result)):
-            upright(profile, float(np.interp(landed, time, path[:, 0])), colour(i) if len(results) > 1 else GREY)
+            plots.vertical_line(
+                profile, float(np.interp(landed, time, path[:, 0])), plots.colour(i) if len(results) > 1 else plots.GREY
+            )
     view = _plan_view(results)
     hilly = False
     for _, result in results:
         hilly |= ridge_lines(plan, shown_ridges(result), *view)
         for over in flown_over(result):
-            profile.segment(over.along, 0.0, over.along, over.top, line_color=BROWN, line_width=3)
-            names(profile, over.along, over.top, [over.label], BROWN, x_offset=0, y_offset=-4, text_align="center")
-    view_from_above(plan, *((low - 0.07 * (high - low), high + 0.07 * (high - low)) for low, high in view))
+            profile.segment(over.along, 0.0, over.along, over.top, line_color=plots.BROWN, line_width=3)
+            plots.names(
+                profile, over.along, over.top, [over.label], plots.BROWN, x_offset=0, y_offset=-4, text_align="center"
+            )
+    plots.view_from_above(plan, *((low - 0.07 * (high - low), high + 0.07 * (high - low)) for low, high in view))
     profile.x_range = plan.x_range
     for on in (plan, profile):
-        from_runway(on)
+        plots.metres_on_axes(on)
         shown = [("", "$name"), ("time", "@time{0.0} s"), ("along", "@x{0} m"), ("right", "@right{0.0} m"),
-                ("up", "@up{0.0} m")]  # fmt: skip
-        tell(on, [each for each in lines if each in on.renderers], *shown)
+                 ("up", "@up{0.0} m")]  # fmt: skip
+        plots.hover_text(on, [each for each in lines if each in on.renderers], *shown)
     beacons = any("/beacons/name" in r for _, r in results)
     what = "transmitter" if beacons else "pseudolite"
-    tell(plan, places, (what, "@said"), ("along", "@x{0.0} m"), ("right", "@y{0.0} m"))
+    plots.hover_text(plan, places, (what, "@said"), ("along", "@x{0.0} m"), ("right", "@y{0.0} m"))
     truth = next((text for _, r in results if (text := true_for(r))), "")
     caption = (
         "The true flight over the runway (grey), seen from above and from the side, both over the distance from the "
         f"threshold. Triangles: pseudolites;{' squares: ranging beacons;' if beacons else ''} dashed: touchdown."
         + (" Brown: terrain, with the height of its top above the threshold; from the side where the way goes over it."
            if hilly else "") + (f" {truth.capitalize()}." if truth else "")
-        + most_thinned(thinned).caption()
+        + plots.most_thinned(thinned).caption()
     )  # fmt: skip
-    keys = [Key("runway", GREY, "band"), Key("pseudolite", ORANGE if len(results) == 1 else GREY, "triangle"),
-            *([Key("beacon", GREEN if len(results) == 1 else GREY, "band")] if beacons else []),
-            *([Key("terrain", BROWN)] if hilly else [])]  # fmt: skip
-    return Drawing("track", "Track over the runway", [plan, profile], caption, keys_of(results, *keys), 1)
+    keys = [Key("runway", plots.GREY, "band"),
+            Key("pseudolite", plots.ORANGE if len(results) == 1 else plots.GREY, "triangle"),
+            *([Key("beacon", plots.GREEN if len(results) == 1 else plots.GREY, "band")] if beacons else []),
+            *([Key("terrain", plots.BROWN)] if hilly else [])]  # fmt: skip
+    return Drawing("track", "Track over the runway", [plan, profile], caption, plots.keys_of(results, *keys), 1)
 
 
 def _plan_view(results: Sequence[Named]) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -191,8 +169,9 @@ def sky(results: Sequence[Named]) -> Drawing:
            if hilly else "")
         + ("" if whole else " A result of an earlier version keeps used sources alone.")
     )  # fmt: skip
-    keys = [Key("used", BLUE, "dot"), Key("not used", GREY, "ring"), Key("pseudolite", ORANGE, "triangle"),
-            Key("masked", GREY, "band"), *([Key("behind terrain", BROWN, "band")] if hilly else [])]  # fmt: skip
+    keys = [Key("used", plots.BLUE, "dot"), Key("not used", plots.GREY, "ring"),
+            Key("pseudolite", plots.ORANGE, "triangle"), Key("masked", plots.GREY, "band"),
+            *([Key("behind terrain", plots.BROWN, "band")] if hilly else [])]  # fmt: skip
     return Drawing("sky", "Sky: sources used and unused", panels, caption, keys, min(3, max(2, len(panels))))
 
 
@@ -202,18 +181,18 @@ def _sky(title: str, result: Result, sources: Sequence[SourceTrack], edge: float
     if "/geometry/horizon" in result:
         skyline(on, result["/geometry/bearing"], result["/geometry/horizon"], mask)
     if (terrain := terrain_skyline(result)) is not None:
-        skyline(on, *terrain, mask, BROWN, 0.5)
+        skyline(on, *terrain, mask, plots.BROWN, 0.5)
     marks = []
     for each in sources:
-        own, last = ORANGE if each.ground else BLUE, each.last
-        for used, style in ((True, own), (False, GREY)):
+        own, last = plots.ORANGE if each.ground else plots.BLUE, each.last
+        for used, style in ((True, own), (False, plots.GREY)):
             x, y = each.part(used)
             if np.isfinite(x).any():
-                line(on, source(x=x, y=y), "y", style, line_dash="solid" if used else "dotted")
+                plots.line(on, plots.source(x=x, y=y), "y", style, line_dash="solid" if used else "dotted")
         x, y = each.x[last : last + 1], each.y[last : last + 1]
-        of = source(said=[each.name], how=[each.how], x=x, y=y,
-                    azimuth=np.degrees(np.arctan2(x, y)) % 360.0, elevation=90.0 - np.hypot(x, y))  # fmt: skip
-        style = own if each.share else GREY
+        of = plots.source(said=[each.name], how=[each.how], x=x, y=y,
+                          azimuth=np.degrees(np.arctan2(x, y)) % 360.0, elevation=90.0 - np.hypot(x, y))  # fmt: skip
+        style = own if each.share else plots.GREY
         full = 1.0 if each.share == 1.0 else 0.35 if each.share else 0.0
         marks.append(
             on.scatter("x", "y", source=of, size=10, marker="triangle" if each.ground else "circle",
@@ -221,8 +200,8 @@ def _sky(title: str, result: Result, sources: Sequence[SourceTrack], edge: float
         )  # fmt: skip
     if sources:
         across, up, text = zip(*((float(e.x[e.last]), float(e.y[e.last]), e.name) for e in sources), strict=True)
-        name_marks(on, source(**beside(across, up, text, edge)))
-    tell(on, marks, ("", "@said, @how"), ("azimuth", "@azimuth{0.0}°"), ("elevation", "@elevation{0.0}°"))
+        name_marks(on, plots.source(**beside(across, up, text, edge)))
+    plots.hover_text(on, marks, ("", "@said, @how"), ("azimuth", "@azimuth{0.0}°"), ("elevation", "@elevation{0.0}°"))
     return on
 
 
@@ -230,7 +209,7 @@ def dops(results: Sequence[Named]) -> Drawing:
     """Dilutions of precision, and how many sources are used, over time."""
     ground = any(result["/pseudolites/name"].size for _, result in results)
     wanted = ["pdop", "hdop", "vdop", "sources"]
-    panels = [plot(name.upper() if name != "sources" else "Sources used", "time, s", "", 210) for name in wanted]
+    panels = [plots.plot(name.upper() if name != "sources" else "Sources used", "time, s", "", 210) for name in wanted]
     for other in panels[1:]:
         other.x_range = panels[0].x_range
     marks: list[list[Any]] = [[] for _ in wanted]
@@ -238,32 +217,34 @@ def dops(results: Sequence[Named]) -> Drawing:
     thinned = []
     for i, (name, result) in enumerate(results):
         time = result["/geometry/time"]
-        which = some(time.size)
+        which = plots.thin(time.size)
         thinned.append(which)
         seen = np.isfinite(result["/geometry/line_of_sight"][:, :, 0])
         mine = np.isin(result["/geometry/source"].astype(str), result["/pseudolites/name"].astype(str))
         columns = {dop: result[f"/geometry/{dop}"] for dop in wanted[:3]}
         columns |= {"sources": seen.sum(axis=1), "pseudolites": seen[:, mine].sum(axis=1)}
-        of = source(x=which(time), **{key: which(values) for key, values in columns.items()})
+        of = plots.source(x=which(time), **{key: which(values) for key, values in columns.items()})
         for k, key in enumerate(wanted):
-            marks[k].append(line(panels[k], of, key, colour(i), name=name, line_width=width(i, len(results))))
+            marks[k].append(
+                plots.line(panels[k], of, key, plots.colour(i), name=name, line_width=plots.width(i, len(results)))
+            )
             largest[k].append(columns[key])
         if ground:
-            marks[3].append(line(panels[3], of, "pseudolites", colour(i), name=name, line_dash="dashed"))
+            marks[3].append(plots.line(panels[3], of, "pseudolites", plots.colour(i), name=name, line_dash="dashed"))
         if np.isfinite(landed := touchdown(result)):
             for on in panels:
-                upright(on, landed)
+                plots.vertical_line(on, landed)
     for k, key in enumerate(wanted):
-        reach(panels[k], largest[k])
+        plots.extend_y_axis(panels[k], largest[k])
         text = ("used", "@sources{0}, of them @pseudolites{0} pseudolites") if key == "sources" else (
             key.upper(), f"@{key}{{0.000}}")  # fmt: skip
-        tell(panels[k], marks[k], ("", "$name"), ("time", "@x{0.0} s"), text, vertical=True)
+        plots.hover_text(panels[k], marks[k], ("", "$name"), ("time", "@x{0.0} s"), text, vertical=True)
     caption = (
         "Dilution of precision by unit weights, a gap where there is no fix; how many sources a fix is made of"
         + (", and of them pseudolites (dashed)" if ground else "") + "; the upright line is touchdown."
-        + most_thinned(thinned).caption()
+        + plots.most_thinned(thinned).caption()
     )  # fmt: skip
-    return Drawing("dop", "Dilution of precision, number of sources", panels, caption, keys_of(results))
+    return Drawing("dop", "Dilution of precision, number of sources", panels, caption, plots.keys_of(results))
 
 
 def _of_runs(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
@@ -272,7 +253,7 @@ def _of_runs(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
     A covariance analysis has no single runs. None if the result has no history.
     """
     if "/filter/error" in result:
-        return first_runs(result, "/filter/error", MOST_LINES), rms_over_runs(result, "/filter/error")
+        return first_runs(result, "/filter/error", plots.MOST_LINES), rms_over_runs(result, "/filter/error")
     if "/covariance/rms" in result:
         rms = result["/covariance/rms"]
         return np.empty((0, *rms.shape)), rms
@@ -285,34 +266,34 @@ def heights(results: Sequence[Named]) -> Drawing | None:
             if "/filter/error" in result or "/covariance/rms" in result]  # fmt: skip
     if not kept:
         return None
-    panels = [plot(axis.capitalize(), "height above the threshold, m", "error, m", 280) for axis in AXES]
-    seen: list[list[np.ndarray]] = [[] for _ in AXES]
-    marks: list[list[Any]] = [[] for _ in AXES]
+    panels = [plots.plot(axis.capitalize(), "height above the threshold, m", "error, m", 280) for axis in plots.AXES]
+    seen: list[list[np.ndarray]] = [[] for _ in plots.AXES]
+    marks: list[list[Any]] = [[] for _ in plots.AXES]
     thinned, turned, straight = [], False, False
     top = max(float(height_of(result)[descent(result)].max()) for _, _, result in kept)
     for i, name, result in kept:
         way = descent(result)
-        which = some(way.size, 1300 if len(kept) == 1 else 650)
+        which = plots.thin(way.size, 1300 if len(kept) == 1 else 650)
         thinned.append(which)
-        found = runway_errors(result, which(way), MOST_LINES)
+        found = runway_errors(result, which(way), plots.MOST_LINES)
         turned |= found.sigma is None
         straight |= found.sigma is not None
         flown = {"x": height_of(result)[which(way)], "time": result["/filter/time"][which(way)]}
-        own = {"name": name, "line_width": width(i, len(kept))}
+        own = {"name": name, "line_width": plots.width(i, len(kept))}
         aside = 0.012 * top * (i - 0.5 * (len(results) - 1))  # bars of several results side by side
         for k, on in enumerate(panels):
             if len(kept) == 1 and not single(result):
                 _single_runs(on, flown["x"], found.runs[:, :, k])
-            lines, reached = _against_height(on, flown, found, k, single(result), colour(i), own, len(kept) > 1)
+            lines, reached = _against_height(on, flown, found, k, single(result), plots.colour(i), own, len(kept) > 1)
             marks[k] += lines
-            seen[k] += [*reached, _bars(on, result, AXES[k], aside, colour(i))]
+            seen[k] += [*reached, _bars(on, result, plots.AXES[k], aside, plots.colour(i))]
     for k, on in enumerate(panels):
-        reach(on, seen[k], symmetric=True)
-        level(on, 0.0, dash="solid")
+        plots.extend_y_axis(on, seen[k], symmetric=True)
+        plots.horizontal_line(on, 0.0, dash="solid")
         one = [("error", "@error{0.000} m")] if any(single(r) for _, _, r in kept) else []
         more = [("RMS over runs", "@rms{0.000} m")] if not all(single(r) for _, _, r in kept) else []
-        tell(on, marks[k], ("", "$name"), ("height", "@x{0.0} m"), ("time", "@time{0.0} s"), *one, *more)
-        downwards(on, -0.02 * top, 1.02 * top)
+        plots.hover_text(on, marks[k], ("", "$name"), ("height", "@x{0.0} m"), ("time", "@time{0.0} s"), *one, *more)
+        plots.reversed_x_axis(on, -0.02 * top, 1.02 * top)
         on.x_range = panels[0].x_range
     lone = [single(result) for _, _, result in kept]
     what = "Error of position, truth minus estimate: right of, along and above the axes of the runway; the flight goes "
@@ -320,14 +301,14 @@ def heights(results: Sequence[Named]) -> Drawing | None:
     what += "Line: the error of the run. " if all(lone) else "Lines: ±3 RMS over runs. "
     what += "Thin lines: single runs. " if len(kept) == 1 and not lone[0] and "/filter/error" in kept[0][2] else ""
     what += "Bars: ±3σ of the filter at the heights of the table"
-    what += f"; {drawn_as(kept)}: the same all the way" if straight else ""
+    what += f"; {plots.drawn_as(kept)}: the same all the way" if straight else ""
     what += ", where the runway runs along a parallel or meridian" if turned and straight else "."
     what += " Across other axes than those of the map σ is known at the bars alone" if turned else ""
     what += ", the RMS of a covariance analysis not." if turned else ""
-    what += most_thinned(thinned).caption("output")
-    band = band_key("±3σ of the filter", BLUE, len(kept) > 1)
-    bars = Key("±3σ of the filter: bars", BLUE if len(kept) == 1 else GREY)
-    keys = keys_of(results, band if straight else bars, of=kept)
+    what += plots.most_thinned(thinned).caption("output")
+    band = plots.band_key("±3σ of the filter", plots.BLUE, len(kept) > 1)
+    bars = Key("±3σ of the filter: bars", plots.BLUE if len(kept) == 1 else plots.GREY)
+    keys = plots.keys_of(results, band if straight else bars, of=kept)
     return Drawing("heights", "Errors in runway axes against height", panels, what, keys, 3)
 
 
@@ -352,24 +333,26 @@ def _against_height(
     elif found.rms is not None:
         columns |= {"rms": found.rms[:, k], "up": 3.0 * found.rms[:, k], "down": -3.0 * found.rms[:, k]}
         reached.append(columns["up"][late])
-    of = source(**columns)
+    of = plots.source(**columns)
     if found.sigma is not None:
-        band(on, of, "low", "high", colour, several)
+        plots.band(on, of, "low", "high", colour, several)
     drawn = ["error"] if alone else ["up", "down"] if found.rms is not None else []
-    return [line(on, of, each, colour, **own) for each in drawn][:1], reached
+    return [plots.line(on, of, each, colour, **own) for each in drawn][:1], reached
 
 
 def _single_runs(on: figure, height: np.ndarray, errors: np.ndarray) -> None:
     """Thin lines of runs (r, w)."""
     few = slice(None, None, max(1, height.size // 300))
     runs = [run[few].astype(np.float32) for run in errors]
-    on.multi_line([height[few].astype(np.float32)] * len(runs), runs, line_color=GREY, line_alpha=0.45, line_width=0.7)
+    on.multi_line(
+        [height[few].astype(np.float32)] * len(runs), runs, line_color=plots.GREY, line_alpha=0.45, line_width=0.7
+    )
 
 
 def _bars(on: figure, result: Result, axis: str, aside: float, colour: str) -> np.ndarray:
     """3 sigma of the filter at the evaluated heights, offset by `aside`; returns their sizes."""
     sizes = 3.0 * result[f"/summary/at/{axis}_sigma"]
-    of = source(x=result["/summary/at/height"] + aside, low=-sizes, high=sizes)
+    of = plots.source(x=result["/summary/at/height"] + aside, low=-sizes, high=sizes)
     on.segment("x", "low", "x", "high", source=of, line_color=colour, line_width=2)
     for end in ("low", "high"):
         on.scatter("x", end, source=of, marker="dash", size=9, line_color=colour, line_width=2)
@@ -394,13 +377,13 @@ def states(results: Sequence[Named]) -> Drawing | None:
     }
     panels, thinned, place = [], [], {name: k for k, name in enumerate(shown)}
     for state in shown.values():
-        panels.append(plot(f"{state.row}{' ' + state.axis if state.axis else ''}", "time, s", state.unit, 190))
+        panels.append(plots.plot(f"{state.row}{' ' + state.axis if state.axis else ''}", "time, s", state.unit, 190))
         panels[-1].x_range = panels[0].x_range
     marks: list[list[Any]] = [[] for _ in shown]
     seen: list[list[np.ndarray]] = [[] for _ in shown]
     for i, name, result, (errors, rms) in kept:
         time = result["/filter/time"]
-        which = some(time.size, 1300 if len(kept) == 1 else 650)
+        which = plots.thin(time.size, 1300 if len(kept) == 1 else 650)
         thinned.append(which)
         sigma, late, alone = _sigma(result), settled(time), single(result)
         columns: dict[str, np.ndarray] = {"x": which(time)}
@@ -411,44 +394,48 @@ def states(results: Sequence[Named]) -> Drawing | None:
             columns[f"e{k}"] = which(drawn)
             columns[f"s{k}"], columns[f"t{k}"] = (which(sign * 3.0 * sigma[:, j] * scale) for sign in (1.0, -1.0))
             seen[k] += [np.abs(drawn[late]), 3.0 * sigma[late, j] * scale]
-        of = source(**columns)
+        of = plots.source(**columns)
         for k in mine:
-            band(panels[k], of, f"t{k}", f"s{k}", colour(i), len(kept) > 1)
-            marks[k].append(line(panels[k], of, f"e{k}", colour(i), name=name, line_width=width(i, len(kept))))
+            plots.band(panels[k], of, f"t{k}", f"s{k}", plots.colour(i), len(kept) > 1)
+            marks[k].append(
+                plots.line(panels[k], of, f"e{k}", plots.colour(i), name=name, line_width=plots.width(i, len(kept)))
+            )
     for k, on in enumerate(panels):
-        reach(on, seen[k], symmetric=any(single(r) for _, _, r, _ in kept))
+        plots.extend_y_axis(on, seen[k], symmetric=any(single(r) for _, _, r, _ in kept))
         unit = list(shown.values())[k].unit
-        tell(on, marks[k], ("", "$name"), ("time", "@x{0.0} s"), ("shown", f"@e{k}{{0.0000}} {unit}"),
-             ("3σ of the filter", f"@s{k}{{0.0000}} {unit}"))  # fmt: skip
+        plots.hover_text(on, marks[k], ("", "$name"), ("time", "@x{0.0} s"), ("shown", f"@e{k}{{0.0000}} {unit}"),
+                         ("3σ of the filter", f"@s{k}{{0.0000}} {unit}"))  # fmt: skip
     lone = [single(r) for _, _, r, _ in kept]
     what = "the error of the run, truth minus estimate" if all(lone) else "3 RMS over all runs"
     what = what if len(set(lone)) == 1 else "3 RMS over all runs; for a single run its error"
-    caption = f"Line: {what}; {drawn_as(kept)}: 3σ of the filter. The axes fit the errors after the start has settled."
-    caption += most_thinned(thinned).caption("output")
-    keys = keys_of(results, band_key("3σ of the filter", BLUE, len(kept) > 1), of=kept)
+    caption = (
+        f"Line: {what}; {plots.drawn_as(kept)}: 3σ of the filter. The axes fit the errors after the start has settled."
+    )
+    caption += plots.most_thinned(thinned).caption("output")
+    keys = plots.keys_of(results, plots.band_key("3σ of the filter", plots.BLUE, len(kept) > 1), of=kept)
     return Drawing("states", "All states of the filter over time", panels, caption, keys, 3)
 
 
 def fixes(results: Sequence[Named]) -> Drawing | None:
     """Scatter of fixes about the true antenna, a panel a result."""
-    kept = having(results, "/receiver/position_llh")
+    kept = plots.results_with(results, "/receiver/position_llh")
     if not kept:
         return None
-    panels, predicted = [], ORANGE if len(kept) == 1 else GREY
+    panels, predicted = [], plots.ORANGE if len(kept) == 1 else plots.GREY
     for i, name, result in kept:
-        on = plot(
+        on = plots.plot(
             name if len(results) > 1 else "", "fix minus true antenna, east, m", "north, m", 340, match_aspect=True
         )
         shown = some_fix_errors(result, _MOST_FIXES)
         if not shown.size:
-            names(on, 0.0, 0.0, ["no fixes"])
+            plots.names(on, 0.0, 0.0, ["no fixes"])
         else:
             drawn = on.scatter(
-                "x", "y", source=source(x=shown[:, 1], y=shown[:, 0]), size=3, color=colour(i), alpha=0.5
+                "x", "y", source=plots.source(x=shown[:, 1], y=shown[:, 0]), size=3, color=plots.colour(i), alpha=0.5
             )
             rim = ellipse(np.nanmean(result["/receiver/covariance_enu"][:, :2, :2], axis=0))
-            line(on, source(x=rim[0], y=rim[1]), "y", predicted, line_width=2)
-            tell(on, [drawn], ("east", "@x{0.00} m"), ("north", "@y{0.00} m"))
+            plots.line(on, plots.source(x=rim[0], y=rim[1]), "y", predicted, line_width=2)
+            plots.hover_text(on, [drawn], ("east", "@x{0.00} m"), ("north", "@y{0.00} m"))
         panels.append(on)
     caption = (
         "Fixes of the receiver about where its antenna is, some of all runs alike, with the ellipse that holds 95 % by "
@@ -464,51 +451,52 @@ def consistency(results: Sequence[Named]) -> Drawing:
     panels: list[figure] = []
     thinned = []
     for name, title in wanted:
-        on = plot(title, "time, s", "per degree of freedom", 230)
+        on = plots.plot(title, "time, s", "per degree of freedom", 230)
         on.x_range = panels[0].x_range if panels else on.x_range
         marks, values = [], []
         for i, (called, result) in enumerate(results):
             variable = result.variables[f"/summary/consistency/{name}"]
             time, data = result["/summary/consistency/time"], np.asarray(variable.data)
-            which = some(time.size, 1300 if len(results) == 1 else 650)
+            which = plots.thin(time.size, 1300 if len(results) == 1 else 650)
             thinned.append(which)
-            of = source(x=which(time), y=which(data))
+            of = plots.source(x=which(time), y=which(data))
             dots = name == "nis" and "band_low" in variable.attributes
-            marks.append(on.scatter("x", "y", source=of, size=3, color=colour(i), name=called) if dots
-                         else line(on, of, "y", colour(i), name=called, line_width=width(i, len(results))))  # fmt: skip
+            tint, wide = plots.colour(i), plots.width(i, len(results))
+            marks.append(on.scatter("x", "y", source=of, size=3, color=tint, name=called) if dots
+                         else plots.line(on, of, "y", tint, name=called, line_width=wide))  # fmt: skip
             values.append(data[settled(time)])
             if "band_low" in variable.attributes:
                 low, high = (float(variable.attributes[f"band_{end}"]) for end in ("low", "high"))
                 if len(results) == 1:
-                    stretch(on, low, high, colour(i))
+                    plots.shaded_interval(on, low, high, plots.colour(i))
                 for end in (low, high) if len(results) > 1 else ():
-                    level(on, end, colour(i), "dotted")
-        level(on, 1.0, dash="solid")
-        reach(on, values, 1.5)
-        tell(on, marks, ("", "$name"), ("time", "@x{0.0} s"), ("per degree", "@y{0.000}"))
+                    plots.horizontal_line(on, end, plots.colour(i), "dotted")
+        plots.horizontal_line(on, 1.0, dash="solid")
+        plots.extend_y_axis(on, values, 1.5)
+        plots.hover_text(on, marks, ("", "$name"), ("time", "@x{0.0} s"), ("per degree", "@y{0.000}"))
         panels.append(on)
     caption = (
         "Squared errors by the filter's own covariance, per degree of freedom: 1 is right, more is overconfident. "
-        f"{drawn_as(results).capitalize()}: the mean over these runs is inside at 95 % of instants if the filter is "
-        "right. A covariance analysis shows expected values." + most_thinned(thinned).caption("output")
+        f"{plots.drawn_as(results).capitalize()}: the mean over these runs is inside at 95 % of instants if the filter "
+        "is right. A covariance analysis shows expected values." + plots.most_thinned(thinned).caption("output")
     )
-    return Drawing("consistency", "Consistency", panels, caption, keys_of(results), 3)
+    return Drawing("consistency", "Consistency", panels, caption, plots.keys_of(results), 3)
 
 
 def ratios(results: Sequence[Named]) -> Drawing | None:
     """Map of z of every state over time, a panel a result."""
-    kept = having(results, "/consistency/z")
+    kept = plots.results_with(results, "/consistency/z")
     panels, text = [], []
     for _, name, result in kept:
         of = state_ratios(result, _RATIO_COLUMNS)
         count = len(of.names)
-        on = plot(name if len(results) > 1 else "", "time, s", "", 150 + 18 * count)
+        on = plots.plot(name if len(results) > 1 else "", "time, s", "", 150 + 18 * count)
         on.y_range = Range1d(float(count), 0.0)
-        ticks(on, on.yaxis[0], [i + 0.5 for i in range(count)], of.names)
-        mapper = shades(0.0, of.limit) if of.alone else about_one(of.limit)
+        plots.ticks(on, on.yaxis[0], [i + 0.5 for i in range(count)], of.names)
+        mapper = plots.colour_map(0.0, of.limit) if of.alone else plots.ratio_colour_map(of.limit)
         span = (float(of.edges[0]), float(of.edges[-1]))
-        drawn = image(on, of.z, span, (0.0, float(count)), mapper, of.label)
-        tell(on, [drawn], ("time", "$x{0.0} s"), (of.label, "@image{0.000}"))
+        drawn = plots.image(on, of.z, span, (0.0, float(count)), mapper, of.label)
+        plots.hover_text(on, [drawn], ("time", "$x{0.0} s"), (of.label, "@image{0.000}"))
         panels.append(on)
         text.append(f"{f'{name}: ' if len(results) > 1 else ''}{state_verdict(result)}.")
     if not panels:
@@ -518,12 +506,12 @@ def ratios(results: Sequence[Named]) -> Drawing | None:
         "sigma is right; red: too small; blue: too large. For a single run: its error in sigmas. States without "
         "uncertainty are left blank. " + " ".join(text)
     )
-    return Drawing("ratios", "Consistency of every state", panels, caption, keys_of(results, of=kept), 1)
+    return Drawing("ratios", "Consistency of every state", panels, caption, plots.keys_of(results, of=kept), 1)
 
 
 def budget(results: Sequence[Named]) -> Drawing | None:
     """Contribution of each source of error, as a waterfall of mean squares."""
-    kept = having(results, "/summary/budget/source")
+    kept = plots.results_with(results, "/summary/budget/source")
     panels = []
     for i, name, result in kept:
         sources = [source_title(str(each)) for each in result["/summary/budget/source"]]
@@ -541,13 +529,15 @@ def budget(results: Sequence[Named]) -> Drawing | None:
             end = 100.0 * np.cumsum(shares)
             text, start = [*text, "in all"], [*(end - 100.0 * np.array(shares)), 0.0]
             title = f"{axis.capitalize()}{f', {name}' if len(results) > 1 else ''}: {total:.3f} m"
-            on = plot(title, "share of the mean square, %", "", 90 + 22 * len(text), y_range=text[::-1])
+            on = plots.plot(title, "share of the mean square, %", "", 90 + 22 * len(text), y_range=text[::-1])
             on.update(x_range=Range1d(0.0, 102.0))
-            of = source(said=text, left=start, right=[*end, 100.0], share=[*(100.0 * s for s in shares), 100.0],
-                        metres=[*metres, total])  # fmt: skip
-            drawn = on.hbar("said", height=0.7, left="left", right="right", source=of, color=colour(i), alpha=0.85)
+            of = plots.source(said=text, left=start, right=[*end, 100.0], share=[*(100.0 * s for s in shares), 100.0],
+                              metres=[*metres, total])  # fmt: skip
+            drawn = on.hbar(
+                "said", height=0.7, left="left", right="right", source=of, color=plots.colour(i), alpha=0.85
+            )
             on.ygrid.visible = False
-            tell(on, [drawn], ("", "@said"), ("alone", "@metres{0.0000} m"), ("share", "@share{0.00} %"))
+            plots.hover_text(on, [drawn], ("", "@said"), ("alone", "@metres{0.0000} m"), ("share", "@share{0.00} %"))
             panels.append(on)
     if not panels:
         return None
@@ -556,4 +546,4 @@ def budget(results: Sequence[Named]) -> Drawing | None:
         "squares of sources add up, sizes do not. Each bar begins where the one above it ends. Sources below 0.1 % "
         "are together."
     )
-    return Drawing("budget", "Error budget", panels, caption, keys_of(results, of=kept))
+    return Drawing("budget", "Error budget", panels, caption, plots.keys_of(results, of=kept))

@@ -93,12 +93,12 @@ def keys_of(results: Sequence[Named], *more: Key, of: Sequence[tuple[Any, ...]] 
     return [*(Key(results[i][0], colour(i)) for i in drawn if len(results) > 1), *more]
 
 
-def having(results: Sequence[Named], path: str) -> list[tuple[int, str, Result]]:
+def results_with(results: Sequence[Named], path: str) -> list[tuple[int, str, Result]]:
     """The results that have a variable, each with its number, which gives its colour."""
     return [(i, name, result) for i, (name, result) in enumerate(results) if path in result]
 
 
-def small(values: Any) -> np.ndarray:
+def as_float32(values: Any) -> np.ndarray:
     """Numbers in the page's single precision; values that are not finite are gaps."""
     data = np.asarray(values, dtype=np.float32)
     return np.where(np.isfinite(data), data, np.float32(np.nan))
@@ -124,7 +124,7 @@ def _ordinal(n: int) -> str:
     return f"{n}{ending}"
 
 
-def some(count: int, most: int = MOST_POINTS) -> Thinned:
+def thin(count: int, most: int = MOST_POINTS) -> Thinned:
     """Thinning of `count` instants to at most `most`."""
     return Thinned(max(1, -(-count // most)), count)
 
@@ -156,9 +156,9 @@ def plot(title: str, x: str, y: str, height: int = 260, **more: Any) -> figure:
 
 
 def source(**columns: Any) -> ColumnDataSource:
-    """Columns that several marks share; numbers become `small`."""
+    """Columns that several marks share; numbers become `as_float32`."""
     return ColumnDataSource({
-        name: values if isinstance(values, list) else small(values) for name, values in columns.items()
+        name: values if isinstance(values, list) else as_float32(values) for name, values in columns.items()
     })  # fmt: skip
 
 
@@ -197,7 +197,7 @@ def band_key(text: str, colour: str, several: bool = False) -> Key:
     return Key(text, GREY, "dots") if several else Key(text, colour, "band")
 
 
-def tell(on: figure, marks: Sequence[Any], *text: tuple[str, str], vertical: bool = False) -> None:
+def hover_text(on: figure, marks: Sequence[Any], *text: tuple[str, str], vertical: bool = False) -> None:
     """Hover text of these marks: pairs of a label and a Bokeh pattern.
 
     vertical: for all marks at the same x. The page shows the text of the nearest mark.
@@ -208,7 +208,7 @@ def tell(on: figure, marks: Sequence[Any], *text: tuple[str, str], vertical: boo
     )  # fmt: skip
 
 
-def reach(on: figure, values: Iterable[np.ndarray], least: float = 0.0, symmetric: bool = False) -> None:
+def extend_y_axis(on: figure, values: Iterable[np.ndarray], least: float = 0.0, symmetric: bool = False) -> None:
     """Extend the y axis to 108 % of the largest of these values, from zero or from its negative."""
     known = [float(np.max(each[np.isfinite(each)])) for each in values if np.isfinite(each).any()]
     top = 1.08 * max([least, *known])
@@ -216,17 +216,17 @@ def reach(on: figure, values: Iterable[np.ndarray], least: float = 0.0, symmetri
         on.y_range = Range1d(-top if symmetric else 0.0, top)
 
 
-def upright(on: figure, x: float, colour: str = GREY, dash: str = "dashed") -> None:
+def vertical_line(on: figure, x: float, colour: str = GREY, dash: str = "dashed") -> None:
     """A line across the plot at x."""
     on.add_layout(Span(location=x, dimension="height", line_color=colour, line_dash=dash, line_width=1))
 
 
-def level(on: figure, y: float, colour: str = GREY, dash: str = "dashed") -> None:
+def horizontal_line(on: figure, y: float, colour: str = GREY, dash: str = "dashed") -> None:
     """A line across the plot at y."""
     on.add_layout(Span(location=y, dimension="width", line_color=colour, line_dash=dash, line_width=1))
 
 
-def stretch(on: figure, low: float, high: float, colour: str = GREY, upright: bool = False) -> None:
+def shaded_interval(on: figure, low: float, high: float, colour: str = GREY, upright: bool = False) -> None:
     """A shaded stretch of an axis."""
     ends = {"left": low, "right": high} if upright else {"bottom": low, "top": high}
     on.add_layout(BoxAnnotation(**ends, fill_color=colour, fill_alpha=0.15, line_color=None))
@@ -249,7 +249,7 @@ def image(
 ) -> Any:
     """An image (y, x) between ends of the axes, with its bar of colours."""
     drawn = on.image(
-        image=[small(values)], x=x[0], y=y[0], dw=x[1] - x[0], dh=y[1] - y[0], color_mapper=mapper, level="image"
+        image=[as_float32(values)], x=x[0], y=y[0], dw=x[1] - x[0], dh=y[1] - y[0], color_mapper=mapper, level="image"
     )
     on.grid.visible = False
     bar(on, mapper, label)
@@ -268,14 +268,14 @@ def bar(on: figure, mapper: Any, label: str) -> None:
     )  # fmt: skip
 
 
-def shades(low: float, high: float, *, reverse: bool = False, log: bool = False) -> Any:
+def colour_map(low: float, high: float, *, reverse: bool = False, log: bool = False) -> Any:
     """Colours between two numbers; unknown values are transparent."""
     palette = list(Viridis256[::-1] if reverse else Viridis256)[::4]
     kind: Callable[..., Any] = LogColorMapper if log else LinearColorMapper
     return kind(palette=palette, low=low, high=high, nan_color="rgba(0,0,0,0)")
 
 
-def about_one(limit: float) -> Any:
+def ratio_colour_map(limit: float) -> Any:
     """Colours of ratios from 1 / limit, blue, through 1, white, to the limit, red; unknown values are transparent."""
     return LogColorMapper(palette=list(RdBu11), low=1.0 / limit, high=limit, nan_color="rgba(0,0,0,0)")
 
@@ -297,12 +297,12 @@ def view_from_above(on: figure, along: tuple[float, float], right: tuple[float, 
     on.update(x_range=Range1d(*along), y_range=Range1d(right[1], right[0]))
 
 
-def downwards(on: figure, low: float, high: float) -> None:
+def reversed_x_axis(on: figure, low: float, high: float) -> None:
     """An x axis that runs from its high end to its low one, as heights do in an approach."""
     on.x_range = Range1d(high, low)
 
 
-def from_runway(on: figure) -> None:
+def metres_on_axes(on: figure) -> None:
     """Axes in metres, whose thousands are not cut into powers of ten."""
     for axis in (on.xaxis[0], on.yaxis[0]):
         axis.formatter = BasicTickFormatter(use_scientific=False)

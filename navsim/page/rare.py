@@ -8,20 +8,8 @@ from typing import Any
 import numpy as np
 from bokeh.models import Range1d
 
-from navsim.page.plots import (
-    GREY,
-    Drawing,
-    Key,
-    Named,
-    colour,
-    level,
-    line,
-    plot,
-    some,
-    source,
-    tell,
-    upright,
-)
+from navsim.page import plots
+from navsim.page.plots import Drawing, Key, Named
 from navsim.report.box_rows import box_limits
 from navsim.report.rare import curve, middle
 from navsim.results.findings import several
@@ -38,7 +26,7 @@ def drawings(results: Sequence[Named], first: int) -> list[Drawing]:
 def _keys(results: Sequence[Named], first: int, *more: Key) -> list[Key]:
     """A legend with the results, where others are on the page, and more."""
     several_here = first + len(results) > 1
-    return [*(Key(name, colour(i)) for i, (name, _) in enumerate(results, first) if several_here), *more]
+    return [*(Key(name, plots.colour(i)) for i, (name, _) in enumerate(results, first) if several_here), *more]
 
 
 def _exceedance(results: Sequence[Named], first: int) -> Drawing:
@@ -52,27 +40,31 @@ def _exceedance(results: Sequence[Named], first: int) -> Drawing:
         bottom = min(each.bottom for _, _, each in curves)
         off = any(middle(result, k) for _, result in results)
         error = f"{axis} error, from the middle of its limits" if off else f"{axis} error"
-        on = plot(axis.capitalize(), "x, m" if off else "size x of the error, m", f"P(|{error}| > x)", 320,
-                  y_axis_type="log" if bottom > 0.0 else "linear")  # fmt: skip
+        on = plots.plot(axis.capitalize(), "x, m" if off else "size x of the error, m", f"P(|{error}| > x)", 320,
+                        y_axis_type="log" if bottom > 0.0 else "linear")  # fmt: skip
         on.x_range = Range1d(0.0, max(float(each.grid[-1]) for _, _, each in curves))
         on.y_range = Range1d(bottom, 1.0)
         marks: list[Any] = []
         for i, name, each in curves:
-            which = some(each.size.size, _MOST)
+            which = plots.thin(each.size.size, _MOST)
             floor = bottom if bottom > 0.0 else 0.0
-            of = source(
+            of = plots.source(
                 x=which(each.size), y=which(each.chance), low=np.maximum(which(each.low), floor), high=which(each.high)
             )
             if len(curves) == 1:
-                on.varea_step("x", "low", "high", source=of, step_mode="after", fill_color=colour(i), fill_alpha=0.2)
+                on.varea_step(
+                    "x", "low", "high", source=of, step_mode="after", fill_color=plots.colour(i), fill_alpha=0.2
+                )
             for end in ("low", "high") if len(curves) > 1 else ():  # translucent colours would mix
-                on.step("x", end, source=of, mode="after", line_color=colour(i), line_dash="dotted")
-            marks.append(on.step("x", "y", source=of, mode="after", line_color=colour(i), line_width=1.6, name=name))
+                on.step("x", end, source=of, mode="after", line_color=plots.colour(i), line_dash="dotted")
+            marks.append(
+                on.step("x", "y", source=of, mode="after", line_color=plots.colour(i), line_width=1.6, name=name)
+            )
             if not np.isnan(each.first_order).all():
-                line(on, source(x=each.grid, y=each.first_order), "y", colour(i), line_dash="dashed")
-            upright(on, each.limit, colour(i) if len(results) > 1 else GREY)
-        tell(on, marks, ("", "$name"), ("size", "@x{0.000} m"), ("chance", "@y{0.0e+0}"),
-             ("95 %", "@low{0.0e+0} to @high{0.0e+0}"))  # fmt: skip
+                plots.line(on, plots.source(x=each.grid, y=each.first_order), "y", plots.colour(i), line_dash="dashed")
+            plots.vertical_line(on, each.limit, plots.colour(i) if len(results) > 1 else plots.GREY)
+        plots.hover_text(on, marks, ("", "$name"), ("size", "@x{0.000} m"), ("chance", "@y{0.0e+0}"),
+                         ("95 %", "@low{0.0e+0} to @high{0.0e+0}"))  # fmt: skip
         panels.append(on)
     counted = ", ".join(f"{name}: {several(result['/run'].size, 'pushed run')}" for name, result in results)
     caption = (
@@ -80,28 +72,30 @@ def _exceedance(results: Sequence[Named], first: int) -> Drawing:
         f"({counted}); dashed curve: a Gaussian by first order; upright line: the limit."
     )
     return Drawing("exceedance", "How often errors exceed a size", panels, caption,
-                   _keys(results, first, Key("first order", GREY, "dash")))  # fmt: skip
+                   _keys(results, first, Key("first order", plots.GREY, "dash")))  # fmt: skip
 
 
 def _runs(results: Sequence[Named], first: int) -> Drawing:
     """Final errors of shifted runs, lateral and vertical."""
-    on = plot("Vertical against lateral", "lateral error, m", "vertical error, m", 360, match_aspect=True)
+    on = plots.plot("Vertical against lateral", "lateral error, m", "vertical error, m", 360, match_aspect=True)
     marks = []
     for i, (name, result) in enumerate(results, first):
         error = result["/rare/error"]
-        which = some(len(error))
+        which = plots.thin(len(error))
         weight = np.exp(result["/rare/log_weight"])
-        of = source(x=which(error[:, 0]), y=which(error[:, 2]), weight=which(weight))
-        marks.append(on.scatter("x", "y", source=of, size=5, color=colour(i), alpha=0.6 if len(results) == 1 else 1.0,
-                                line_color=None, name=name))  # fmt: skip
-        for k, side in ((0, upright), (2, level)):
+        of = plots.source(x=which(error[:, 0]), y=which(error[:, 2]), weight=which(weight))
+        marks.append(on.scatter("x", "y", source=of, size=5, color=plots.colour(i), line_color=None, name=name,
+                                alpha=0.6 if len(results) == 1 else 1.0))  # fmt: skip
+        for k, side in ((0, plots.vertical_line), (2, plots.horizontal_line)):
             for end in box_limits(result, k) or ():
-                side(on, end, colour(i) if len(results) > 1 else GREY)
-    tell(
+                side(on, end, plots.colour(i) if len(results) > 1 else plots.GREY)
+    plots.hover_text(
         on, marks, ("", "$name"), ("lateral", "@x{0.000} m"), ("vertical", "@y{0.000} m"), ("weight", "@weight{0.0e+0}")
     )
     caption = (
         "Errors of the pushed runs at the height of the box (dashed). They are pushed towards its faces: how dense "
         "they lie is no probability, their weights make one of it."
     )
-    return Drawing("pushed", "Pushed runs and the box", [on], caption, _keys(results, first, Key("box", GREY, "dash")))
+    return Drawing(
+        "pushed", "Pushed runs and the box", [on], caption, _keys(results, first, Key("box", plots.GREY, "dash"))
+    )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from bokeh.plotting import figure
 
-from navsim.page.plots import BROWN, names
+from navsim.page import plots
 from navsim.report.ridges import ShownRidge, clipped
 
 Ends = tuple[float, float]
@@ -28,13 +28,13 @@ def ridge_lines(on: figure, ridges: Sequence[ShownRidge], along: Ends, right: En
             lines = [*parts[..., 0]], [*parts[..., 1]]
             if over_map:
                 on.multi_line(*lines, line_color="white", line_alpha=0.75, line_width=6)
-            on.multi_line(*lines, line_color=BROWN, line_width=3)
+            on.multi_line(*lines, line_color=plots.BROWN, line_width=3)
             ends = parts.reshape(-1, 2)
             x, y = ends[ends[:, 1].argmin()]
             style = _inwards(x, y, along, right)
             if over_map:
                 style |= {"background_fill_color": "white", "background_fill_alpha": 0.75}
-            names(on, x, y, [ridge.label], BROWN, **style)
+            plots.names(on, x, y, [ridge.label], plots.BROWN, **style)
     return there
 
 

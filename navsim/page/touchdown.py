@@ -8,27 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from bokeh.plotting import figure
 
-from navsim.page.plots import (
-    AXES,
-    GREY,
-    Drawing,
-    Key,
-    Named,
-    band,
-    colour,
-    downwards,
-    having,
-    keys_of,
-    level,
-    line,
-    plot,
-    reach,
-    some,
-    source,
-    tell,
-    upright,
-    width,
-)
+from navsim.page import plots
+from navsim.page.plots import Drawing, Key, Named
 from navsim.report.box_rows import box_limits, of_total, outside_box
 from navsim.report.figure_data import (
     ellipse,
@@ -48,7 +29,7 @@ _BINS = (8, 40)
 
 def scatter(results: Sequence[Named]) -> Drawing | None:
     """Errors of runs at touchdown, or at the height of the box, with the box and an ellipse."""
-    kept = [(i, name, r) for i, name, r in having(results, "/summary/at/lateral_run")
+    kept = [(i, name, r) for i, name, r in plots.results_with(results, "/summary/at/lateral_run")
             if r["/run"].size >= _FEW or "/summary/box/error_run" in r]  # fmt: skip
     if not kept:
         return None
@@ -71,12 +52,12 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
     for across, up in (("lateral", "vertical"), ("lateral", "along")):
         zoned = placed and up == "along"
         text = "along the runway from the threshold, m" if zoned else f"{up} error, m"
-        on = plot(f"{up.capitalize()} against {across}", f"{across} error, m", text, 340, match_aspect=not zoned)
+        on = plots.plot(f"{up.capitalize()} against {across}", f"{across} error, m", text, 340, match_aspect=not zoned)
         marks = []
         for i, name, result in kept:
             which_error = "tse_run" if of_total(result) else "run"
             points = np.stack([
-                result["/summary/box/error_run"][:, AXES.index(axis)] if judged
+                result["/summary/box/error_run"][:, plots.AXES.index(axis)] if judged
                 else result[f"/summary/at/{axis}_{which_error}"][:, column]
                 for axis in (across, up)
             ])  # fmt: skip
@@ -84,25 +65,27 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
             points[1] += start
             known = np.isfinite(points).all(axis=0)
             outside = outside_box(result) if judged else np.zeros(known.size, bool)
-            which = some(int(known.sum()))
+            which = plots.thin(int(known.sum()))
             x, y, run, out = (which(each[known]) for each in (*points, result["/run"], outside))
             for those, mark in ((~out, "circle"), (out, "x")):
-                of = source(x=x[those], y=y[those], run=run[those])
+                of = plots.source(x=x[those], y=y[those], run=run[those])
                 marks.append(
-                    on.scatter("x", "y", source=of, size=5 if mark == "circle" else 8, marker=mark, color=colour(i),
-                               alpha=0.6 if len(kept) == 1 else 1.0, name=name,
-                               line_color=None if mark == "circle" else colour(i))
+                    on.scatter("x", "y", source=of, size=5 if mark == "circle" else 8, marker=mark, name=name,
+                               color=plots.colour(i), alpha=0.6 if len(kept) == 1 else 1.0,
+                               line_color=None if mark == "circle" else plots.colour(i))
                 )  # fmt: skip
             if known.sum() >= _FEW and np.linalg.matrix_rank(spread := np.cov(points[:, known])) == 2:
                 rim = points[:, known].mean(axis=1)[:, None] + ellipse(spread)
-                line(on, source(x=rim[0], y=rim[1]), "y", colour(i))
+                plots.line(on, plots.source(x=rim[0], y=rim[1]), "y", plots.colour(i))
             if judged or ("/summary/box/upper" in result and abs(float(result["/summary/box/height"]) - float(
                     result["/summary/at/height"][column])) < 0.01):  # fmt: skip
-                _box(on, result, (across, up), start, colour(i) if len(kept) > 1 else GREY)
+                _box(on, result, (across, up), start, plots.colour(i) if len(kept) > 1 else plots.GREY)
                 drawn = True
             if not zoned and not of_total(result):
-                required |= _required(on, result, height, (across, up), colour(i) if len(kept) > 1 else GREY)
-        tell(on, marks, ("", "$name, run @run{0}"), (across, "@x{0.000} m"), (up, "@y{0.000} m"))
+                required |= _required(
+                    on, result, height, (across, up), plots.colour(i) if len(kept) > 1 else plots.GREY
+                )
+        plots.hover_text(on, marks, ("", "$name, run @run{0}"), (across, "@x{0.000} m"), (up, "@y{0.000} m"))
         panels.append(on)
     counted = ", ".join(
         f"{name}: {runs_of(result)}{', total system errors' if of_total(result) else ''}" for _, name, result in kept
@@ -116,20 +99,20 @@ def scatter(results: Sequence[Named]) -> Drawing | None:
         ) + ("; dashed: the box" + (", crosses: runs that end outside" if judged else "") if drawn else "")
         + ("; dotted: required sizes." if required else ".")
     )  # fmt: skip
-    keys = [Key("box", GREY, "dash")] if drawn else []
-    keys += [Key("required", GREY, "dots")] if required else []
-    return Drawing("scatter", f"Scatter at {where}", panels, caption, keys_of(results, *keys, of=kept))
+    keys = [Key("box", plots.GREY, "dash")] if drawn else []
+    keys += [Key("required", plots.GREY, "dots")] if required else []
+    return Drawing("scatter", f"Scatter at {where}", panels, caption, plots.keys_of(results, *keys, of=kept))
 
 
 def _box(on: figure, result: Result, axes: tuple[str, str], start: float, own: str) -> None:
     """Limits of the box, across and up the page, dashed; start: lower end of vertical ones, m."""
-    x, y = (box_limits(result, AXES.index(axis)) for axis in axes)
+    x, y = (box_limits(result, plots.AXES.index(axis)) for axis in axes)
     y = None if y is None else (y[0] + start, y[1] + start)
     if x is not None and y is not None:
-        corners = source(x=np.array([x[0], x[1], x[1], x[0], x[0]]), y=np.array([y[0], y[0], y[1], y[1], y[0]]))
-        line(on, corners, "y", own, line_dash="dashed", line_width=1)
+        corners = plots.source(x=np.array([x[0], x[1], x[1], x[0], x[0]]), y=np.array([y[0], y[0], y[1], y[1], y[0]]))
+        plots.line(on, corners, "y", own, line_dash="dashed", line_width=1)
         return
-    for ends, side in ((x, upright), (y, level)):
+    for ends, side in ((x, plots.vertical_line), (y, plots.horizontal_line)):
         for end in ends or ():
             side(on, end, own)
 
@@ -139,18 +122,20 @@ def _required(on: figure, result: Result, height: str, axes: tuple[str, str], ow
     found = [one for one in required_limits(result, "error") if one.at == height and one.of in axes]
     for one in found:
         for side in (-one.size, one.size):
-            (upright if one.of == axes[0] else level)(on, side, own, "dotted")
+            (plots.vertical_line if one.of == axes[0] else plots.horizontal_line)(on, side, own, "dotted")
     return bool(found)
 
 
 def distribution(results: Sequence[Named]) -> Drawing | None:
     """Histograms of the errors at touchdown, with the filter's Gaussians."""
-    kept = [(i, name, r) for i, name, r in having(results, "/summary/at/lateral_run") if r["/run"].size >= 10]
+    kept = [
+        (i, name, r) for i, name, r in plots.results_with(results, "/summary/at/lateral_run") if r["/run"].size >= 10
+    ]
     if not kept:
         return None
     panels = []
-    for axis in AXES:
-        on = plot(axis.capitalize(), f"{axis} error at touchdown, m", "share of runs per m", 260)
+    for axis in plots.AXES:
+        on = plots.plot(axis.capitalize(), f"{axis} error at touchdown, m", "share of runs per m", 260)
         errors = {}
         for i, _, result in kept:
             of_runs = result[f"/summary/at/{axis}_run"][:, 0]
@@ -166,18 +151,20 @@ def distribution(results: Sequence[Named]) -> Drawing | None:
             if not errors[i].size:
                 continue
             count, _ = np.histogram(errors[i], edges)
-            of = source(left=edges[:-1], right=edges[1:], top=count / (errors[i].size * np.diff(edges)), count=count)
+            of = plots.source(
+                left=edges[:-1], right=edges[1:], top=count / (errors[i].size * np.diff(edges)), count=count
+            )
             marks.append(
-                on.quad(left="left", right="right", bottom=0.0, top="top", source=of, fill_color=colour(i),
-                        fill_alpha=0.3 if len(kept) == 1 else 0.0, line_color=colour(i),
-                        line_width=width(i, len(kept)), name=name)
+                on.quad(left="left", right="right", bottom=0.0, top="top", source=of, fill_color=plots.colour(i),
+                        fill_alpha=0.3 if len(kept) == 1 else 0.0, line_color=plots.colour(i),
+                        line_width=plots.width(i, len(kept)), name=name)
             )  # fmt: skip
             sigma = float(result[f"/summary/at/{axis}_sigma"][0])
             x = np.linspace(edges[0], edges[-1], 121)
             density = np.exp(-0.5 * (x / sigma) ** 2) / (sigma * math.sqrt(2.0 * math.pi))
-            line(on, source(x=x, y=density), "y", colour(i), line_dash="dashed")
+            plots.line(on, plots.source(x=x, y=density), "y", plots.colour(i), line_dash="dashed")
         on.y_range.start = 0.0
-        tell(on, marks, ("", "$name"), ("error", "@left{0.000} to @right{0.000} m"), ("runs", "@count{0}"))
+        plots.hover_text(on, marks, ("", "$name"), ("error", "@left{0.000} to @right{0.000} m"), ("runs", "@count{0}"))
         panels.append(on)
     if not panels:
         return None
@@ -186,12 +173,13 @@ def distribution(results: Sequence[Named]) -> Drawing | None:
         "there. "
         + ", ".join(f"{name}: {runs_of(result)}" for _, name, result in kept) + "."
     )  # fmt: skip
-    return Drawing("histograms", "Histograms at touchdown", panels, caption, keys_of(results, of=kept), 3)
+    return Drawing("histograms", "Histograms at touchdown", panels, caption, plots.keys_of(results, of=kept), 3)
 
 
 def deviations(results: Sequence[Named]) -> Drawing | None:
     """Deviations from localizer and glide path against height, with half and full scale and required sizes."""
-    shown = [(i, name, result, seen) for i, name, result in having(results, "/summary/indicator/touchdown_llh")
+    touched = plots.results_with(results, "/summary/indicator/touchdown_llh")
+    shown = [(i, name, result, seen) for i, name, result in touched
              if result["/run"].size >= 10 and (seen := indicated_deviations(result)) is not None
              and seen.height.size > 2]  # fmt: skip
     if not shown:
@@ -199,62 +187,65 @@ def deviations(results: Sequence[Named]) -> Drawing | None:
     panels = []
     for k, what in enumerate(INDICATED):
         title = what.replace("_", " ").capitalize()
-        on, marks = plot(title, "height above the runway, m", "parts of full scale", 260), []
+        on, marks = plots.plot(title, "height above the runway, m", "parts of full scale", 260), []
         for i, name, _, seen in shown:
             low, _, median, _, high = seen.aircraft[:, :, k]
-            of = source(x=seen.height, low=low, median=median, high=high, seen_low=seen.estimate[0, :, k],
-                        seen_high=seen.estimate[4, :, k])  # fmt: skip
-            band(on, of, "low", "high", colour(i), len(shown) > 1)
-            line(on, of, "seen_low", colour(i), line_dash="dashed")
-            line(on, of, "seen_high", colour(i), line_dash="dashed")
-            marks.append(line(on, of, "median", colour(i), line_width=width(i, len(shown)), name=name))
+            of = plots.source(x=seen.height, low=low, median=median, high=high, seen_low=seen.estimate[0, :, k],
+                              seen_high=seen.estimate[4, :, k])  # fmt: skip
+            plots.band(on, of, "low", "high", plots.colour(i), len(shown) > 1)
+            plots.line(on, of, "seen_low", plots.colour(i), line_dash="dashed")
+            plots.line(on, of, "seen_high", plots.colour(i), line_dash="dashed")
+            marks.append(
+                plots.line(on, of, "median", plots.colour(i), line_width=plots.width(i, len(shown)), name=name)
+            )
             for size in seen.required[what]:
                 for side in (-size, size):
-                    level(on, side, colour(i), "dotted")
+                    plots.horizontal_line(on, side, plots.colour(i), "dotted")
         for size in (-1.0, -0.5, 0.5, 1.0):
-            level(on, size, GREY, "solid" if abs(size) == 1.0 else "dotdash")
+            plots.horizontal_line(on, size, plots.GREY, "solid" if abs(size) == 1.0 else "dotdash")
         most = max(seen.reach(k) for *_, seen in shown)
         on.y_range.start, on.y_range.end = -most, most
-        tell(on, marks, ("", "$name"), ("height", "@x{0.0} m"), ("95 % of runs", "@low{0.000} to @high{0.000}"),
-             ("95 % of what pilots see", "@seen_low{0.000} to @seen_high{0.000}"))  # fmt: skip
-        downwards(on, *(float(edge) for edge in (min(s.height.min() for *_, s in shown),
-                                                 max(s.height.max() for *_, s in shown))))  # fmt: skip
+        plots.hover_text(on, marks, ("", "$name"), ("height", "@x{0.0} m"),
+                         ("95 % of runs", "@low{0.000} to @high{0.000}"),
+                         ("95 % of what pilots see", "@seen_low{0.000} to @seen_high{0.000}"))  # fmt: skip
+        plots.reversed_x_axis(on, *(float(edge) for edge in (min(s.height.min() for *_, s in shown),
+                                                             max(s.height.max() for *_, s in shown))))  # fmt: skip
         panels.append(on)
     caption = (
         "Deviations of the aircraft from localizer and glide path on the descent: 95 % of runs and their median; "
         "dashed: 95 % of what pilots see, the deviations of the estimate. Grey: half and full scale; dotted: required."
     )
     kept = [each[:3] for each in shown]
-    return Drawing("deviations", "Localizer and glide path", panels, caption, keys_of(results, of=kept), 2)
+    return Drawing("deviations", "Localizer and glide path", panels, caption, plots.keys_of(results, of=kept), 2)
 
 
 def percentiles(results: Sequence[Named]) -> Drawing | None:
     """Percentiles of the size of errors against the height."""
-    kept = [each for each in having(results, "/summary/at/lateral_percentile")
+    kept = [each for each in plots.results_with(results, "/summary/at/lateral_percentile")
             if not single(each[2]) and known_percentiles(each[2]).any()]  # fmt: skip
     if not kept:
         return None
     panels, dashes = [], ("solid", "dashed", "dotted", "dotdash")
     shown = np.any([known_percentiles(result) for _, _, result in kept], axis=0)
     text = [str(p) for p in kept[0][2]["/summary/percentile"][shown]]
-    for axis in AXES:
-        on = plot(axis.capitalize(), "height above the runway, m", "size of the error, m", 260)
+    for axis in plots.AXES:
+        on = plots.plot(axis.capitalize(), "height above the runway, m", "size of the error, m", 260)
         marks, values = [], []
         for i, name, result in kept:
             found = np.where(known_percentiles(result), result[f"/summary/at/{axis}_percentile"], np.nan)
-            of = source(x=result["/summary/at/height"], **{f"p{k}": row for k, row in enumerate(found.T[shown])})
+            of = plots.source(x=result["/summary/at/height"], **{f"p{k}": row for k, row in enumerate(found.T[shown])})
             values.append(found)
             for k in range(len(text)):
-                line(on, of, f"p{k}", colour(i), line_dash=dashes[k % len(dashes)])
-                marks.append(on.scatter("x", f"p{k}", source=of, size=6, color=colour(i), name=name))
-        reach(on, values)
-        tell(on, marks, ("", "$name"), ("height", "@x{0.0} m"),
-             *((f"{p} % of runs below", f"@p{k}{{0.000}} m") for k, p in enumerate(text)))  # fmt: skip
+                plots.line(on, of, f"p{k}", plots.colour(i), line_dash=dashes[k % len(dashes)])
+                marks.append(on.scatter("x", f"p{k}", source=of, size=6, color=plots.colour(i), name=name))
+        plots.extend_y_axis(on, values)
+        plots.hover_text(on, marks, ("", "$name"), ("height", "@x{0.0} m"),
+                         *((f"{p} % of runs below", f"@p{k}{{0.000}} m") for k, p in enumerate(text)))  # fmt: skip
         top = max(float(r["/summary/at/height"].max()) for _, _, r in kept)
-        downwards(on, -0.03 * top, 1.05 * top)
+        plots.reversed_x_axis(on, -0.03 * top, 1.05 * top)
         panels.append(on)
     caption = (
         f"Navigation errors that {' and '.join(text)} % of runs stay below (lowest first), at the "
         "heights of the table. A covariance analysis assumes Gaussian errors."
     )  # fmt: skip
-    return Drawing("percentiles", "Percentiles of the error", panels, caption, keys_of(results, of=kept), 3)
+    return Drawing("percentiles", "Percentiles of the error", panels, caption, plots.keys_of(results, of=kept), 3)

@@ -14,23 +14,7 @@ from bokeh.models import ColorBar, ColumnDataSource, CustomJS, LinearColorMapper
 from bokeh.plotting import figure
 
 from navsim.gnss.sky import Horizon
-from navsim.page.plots import (
-    BLUE,
-    BROWN,
-    GREEN,
-    GREY,
-    ORANGE,
-    bar,
-    from_runway,
-    line,
-    names,
-    plot,
-    shades,
-    small,
-    source,
-    tell,
-    view_from_above,
-)
+from navsim.page import plots
 from navsim.page.sky import beside, name_marks, sky_paper, skyline
 from navsim.planner.outlook import Share
 from navsim.planner.proposal import PlannedScenario
@@ -88,16 +72,18 @@ class AerodromePlan:
 
     def __init__(self, proposal: PlannedScenario, area: ShownArea, overlay: list[Outline], on_pan: str) -> None:
         """on_pan: JavaScript with `cb_obj` for each drag event."""
-        on = plot("", "beyond the threshold (= -l1), m", "right of the axis, m", 600)
+        on = plots.plot("", "beyond the threshold (= -l1), m", "right of the axis, m", 600)
         on.update(sizing_mode=None, frame_width=560, frame_height=560, height=None, name="aerodrome")
         self.figure = on
-        self.mapper: LinearColorMapper = shades(0.0, 1.0, reverse=True)
-        self.image = ColumnDataSource({"image": [small(np.full((2, 2), np.nan))], "x": [0.0], "y": [0.0], "w": [1.0]})
+        self.mapper: LinearColorMapper = plots.colour_map(0.0, 1.0, reverse=True)
+        self.image = ColumnDataSource(
+            {"image": [plots.as_float32(np.full((2, 2), np.nan))], "x": [0.0], "y": [0.0], "w": [1.0]}
+        )
         drawn = on.image("image", "x", "y", "w", "w", source=self.image, color_mapper=self.mapper, level="image")
         on.grid.visible = False
-        bar(on, self.mapper, " ")
+        plots.bar(on, self.mapper, " ")
         self._bar = on.select_one(ColorBar)
-        from_runway(on)
+        plots.metres_on_axes(on)
         self._fixed(on, proposal, overlay)
         self.places = ColumnDataSource({name: [] for name in ("x", "y", "said", "kind", "colour", "marker", "size")})
         on.scatter("x", "y", source=self.places, marker="marker", size="size", fill_color="colour",
@@ -105,7 +91,7 @@ class AerodromePlan:
         on.text("x", "y", "said", source=self.places, text_color="black", x_offset=11, y_offset=-6,
                 text_font_size="12px", text_font_style="bold", background_fill_color="white",
                 background_fill_alpha=0.8, padding=2)  # fmt: skip
-        tell(on, [drawn], ("along", "$x{0} m"), ("right", "$y{0} m"), ("there", "@image{0.000}"))
+        plots.hover_text(on, [drawn], ("along", "$x{0} m"), ("right", "$y{0} m"), ("there", "@image{0.000}"))
         for event in ("panstart", "pan", "panend"):
             on.js_on_event(event, CustomJS(code=on_pan))
         for model in (on, self.image, self.places, self.mapper, *on.select(type=ColorBar)):
@@ -117,7 +103,9 @@ class AerodromePlan:
         for what, parts, text in overlay:
             xs, ys = [part[:, 0] for part in parts], [part[:, 1] for part in parts]
             if what == "area":
-                on.multi_polygons([[xs]], [[ys]], fill_color=GREY, fill_alpha=0.3, line_color="white", line_width=2.5)
+                on.multi_polygons(
+                    [[xs]], [[ys]], fill_color=plots.GREY, fill_alpha=0.3, line_color="white", line_width=2.5
+                )
                 on.multi_polygons([[xs]], [[ys]], fill_alpha=0.0, line_color="#333333", line_width=1.0)
             elif what == "line":
                 on.multi_line(xs, ys, line_color="white", line_width=3, line_alpha=0.7)
@@ -126,22 +114,22 @@ class AerodromePlan:
                 on.scatter(np.concatenate(xs), np.concatenate(ys), marker="square", size=6, fill_color="#333333",
                            line_color="white")  # fmt: skip
             if text:
-                names(on, xs[0].mean(), ys[0].mean(), [text], "black", background_fill_color="white",
-                      background_fill_alpha=0.6)  # fmt: skip
+                plots.names(on, xs[0].mean(), ys[0].mean(), [text], "black", background_fill_color="white",
+                            background_fill_alpha=0.6)  # fmt: skip
         half = 0.5 * runway.width_m
         on.quad(left=0.0, right=runway.length_m, bottom=-half, top=half, fill_color="#222222", line_color="white",
                 line_width=1.5)  # fmt: skip
         path = _path(proposal)
-        of = source(x=path[:, 0], y=path[:, 1], up=path[:, 2])
-        line(on, of, "y", "white", line_width=4.0, line_alpha=0.7)
-        glide = line(on, of, "y", "#222222", line_dash="dashed")
-        tell(on, [glide], ("", "glide"), ("height", "@up{0} m"), ("along", "@x{0} m"))
+        of = plots.source(x=path[:, 0], y=path[:, 1], up=path[:, 2])
+        plots.line(on, of, "y", "white", line_width=4.0, line_alpha=0.7)
+        glide = plots.line(on, of, "y", "#222222", line_dash="dashed")
+        plots.hover_text(on, [glide], ("", "glide"), ("height", "@up{0} m"), ("along", "@x{0} m"))
         interference = proposal.scenario.interference
         for ridge in (*proposal.scenario.terrain, *(() if interference is None else interference.horizon)):
             if getattr(ridge, "file", None) is not None:
                 continue
             tops = proposal.axes(ridge.tops(proposal.threshold))
-            on.multi_line([*tops[..., 0]], [*tops[..., 1]], line_color=BROWN, line_width=3)
+            on.multi_line([*tops[..., 0]], [*tops[..., 1]], line_color=plots.BROWN, line_width=3)
 
     def show(self, area: ShownArea) -> None:
         """Let the axes reach over an area."""
@@ -151,7 +139,7 @@ class AerodromePlan:
             self.figure.x_range.update(start=low, end=high, reset_start=low, reset_end=high)
             self.figure.y_range.update(start=right, end=left, reset_start=right, reset_end=left)
         else:
-            view_from_above(self.figure, (low, high), (left, right))
+            plots.view_from_above(self.figure, (low, high), (left, right))
 
     def put(self, proposal: PlannedScenario) -> None:
         """Show the transmitters at their positions."""
@@ -159,8 +147,8 @@ class AerodromePlan:
         every = np.concatenate([places, jammers, beacons])
         interference = proposal.scenario.interference
         named = () if interference is None else tuple(each.name for each in interference.jammers)
-        looks = ("pseudolite", ORANGE, "circle", 15.0), ("jammer", MAGENTA, "diamond", 17.0), (
-            "beacon", GREEN, "square", 14.0)  # fmt: skip
+        looks = ("pseudolite", plots.ORANGE, "circle", 15.0), ("jammer", MAGENTA, "diamond", 17.0), (
+            "beacon", plots.GREEN, "square", 14.0)  # fmt: skip
         each = [look for look, sites in zip(looks, (places, jammers, beacons), strict=True) for _ in sites]
         said = [*proposal.names, *named, *proposal.beacon_names]
         self.places.data = {
@@ -171,7 +159,7 @@ class AerodromePlan:
         """Show a map (n, n) over an area, with colours between two numbers; text: name of the quantity with its
         unit."""
         self.image.data = {
-            "image": [small(values)], "x": [area.along - area.half], "y": [area.right - area.half],
+            "image": [plots.as_float32(values)], "x": [area.along - area.half], "y": [area.right - area.half],
             "w": [2.0 * area.half],
         }  # fmt: skip
         if (self.mapper.low, self.mapper.high) != reach:
@@ -207,7 +195,9 @@ class SkyPlan:
         marks: Any = on.scatter("x", "y", source=self.sources, marker="marker", size=10, line_color="colour",
                                 fill_color="colour", fill_alpha="full", line_width=1.5)  # fmt: skip
         name_marks(on, self.sources)
-        tell(on, [marks], ("", "@said, @how"), ("azimuth", "@azimuth{0.0}°"), ("elevation", "@elevation{0.0}°"))
+        plots.hover_text(
+            on, [marks], ("", "@said, @how"), ("azimuth", "@azimuth{0.0}°"), ("elevation", "@elevation{0.0}°")
+        )
         self.sources.syncable = False
 
     def put(self, shares: list[Share]) -> None:
@@ -224,6 +214,6 @@ def _directions(shares: list[Share]) -> dict[str, list[Any]]:
         "azimuth": [each.azimuth for each in shares],
         "elevation": [each.elevation for each in shares],
         "marker": ["triangle" if each.ground else "circle" for each in shares],
-        "colour": [(ORANGE if each.ground else BLUE) if each.used else GREY for each in shares],
+        "colour": [(plots.ORANGE if each.ground else plots.BLUE) if each.used else plots.GREY for each in shares],
         "full": [1.0 if each.used else 0.0 for each in shares],
     }

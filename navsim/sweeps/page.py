@@ -8,24 +8,8 @@ from typing import Any
 import numpy as np
 from bokeh.plotting import figure
 
-from navsim.page.plots import (
-    BROWN,
-    GREY,
-    ORANGE,
-    Drawing,
-    Key,
-    Named,
-    bar,
-    colour,
-    from_runway,
-    line,
-    plot,
-    shades,
-    source,
-    tell,
-    ticks,
-    view_from_above,
-)
+from navsim.page import plots
+from navsim.page.plots import Drawing, Key, Named
 from navsim.page.terrain import ridge_lines
 from navsim.report.result_cells import setting
 from navsim.report.ridges import shown_ridges
@@ -36,7 +20,7 @@ from navsim.sweeps import report
 _MOST_MAPS = 12
 """Most outputs of a sweep that are drawn; the table has all."""
 _MOST_CURVES = 6
-RUNWAY = Key("runway", GREY)
+RUNWAY = Key("runway", plots.GREY)
 
 
 def sweeps(results: Sequence[Named]) -> list[Drawing]:
@@ -65,10 +49,10 @@ def sweeps(results: Sequence[Named]) -> list[Drawing]:
 def _map(result: Result, name: str, moved: tuple[int, int]) -> tuple[list[figure], str, list[Key]]:
     better = report.large(result, name)
     low, high = report.colours(result[f"/sweep/{name}"], better)
-    mapper = shades(low, high, reverse=not better)
+    mapper = plots.colour_map(low, high, reverse=not better)
     panels, hollow = [], False
     for panel in report.panels(result, name, moved):
-        on = plot(panel.title, "beyond the threshold (= -l1), m", "right of the axis, m", 350)
+        on = plots.plot(panel.title, "beyond the threshold (= -l1), m", "right of the axis, m", 350)
         marks: list[Any] = []
         if not np.isfinite(panel.values).all():
             hollow = True
@@ -76,30 +60,30 @@ def _map(result: Result, name: str, moved: tuple[int, int]) -> tuple[list[figure
                 shade_ground(on, *site)
         for (along, right), corners in zip(panel.sites, panel.corners, strict=True):
             marks.append(_cells(on, panel.values, along, right, corners, mapper))
-        bar(on, mapper, report.label(result, name))
+        plots.bar(on, mapper, report.label(result, name))
         if panel.best is not None:
-            star = source(x=panel.best[0], y=panel.best[1])
-            on.scatter("x", "y", source=star, marker="star", size=15, fill_color=ORANGE, line_color="white")
+            star = plots.source(x=panel.best[0], y=panel.best[1])
+            on.scatter("x", "y", source=star, marker="star", size=15, fill_color=plots.ORANGE, line_color="white")
         draw_runway(on, result, panel.sites)
         unit = result.variables[f"/sweep/{name}"].units
-        tell(on, marks, ("along", "$x{0} m"), ("right", "$y{0} m"),
-             ("value", "@image{0.0000}" + ("" if unit == "1" else f" {unit}")))  # fmt: skip
+        plots.hover_text(on, marks, ("along", "$x{0} m"), ("right", "$y{0} m"),
+                         ("value", "@image{0.0000}" + ("" if unit == "1" else f" {unit}")))  # fmt: skip
         panels.append(on)
     text = f"Colours: {report.label(result, name)}, by the positions of the pseudolites; star: the best."
     text += f" Not drawn: {unlike}." if (unlike := report.varied_terrain(result)) else ""
-    keys = [RUNWAY, Key("ground track", GREY, "dash"), Key("best", ORANGE, "star"), *terrain_key(result)]
-    return panels, text, [*keys, Key("no solution", GREY, "band")] if hollow else keys
+    keys = [RUNWAY, Key("ground track", plots.GREY, "dash"), Key("best", plots.ORANGE, "star"), *terrain_key(result)]
+    return panels, text, [*keys, Key("no solution", plots.GREY, "band")] if hollow else keys
 
 
 def shade_ground(on: figure, along: np.ndarray, right: np.ndarray) -> None:
     """Shade the range of positions, as the background of a map with holes."""
     ends = [(float(np.nanmin(each)), float(np.nanmax(each))) for each in (along, right)]
-    on.quad(left=ends[0][0], right=ends[0][1], bottom=ends[1][0], top=ends[1][1], fill_color=GREY, fill_alpha=0.3,
+    on.quad(left=ends[0][0], right=ends[0][1], bottom=ends[1][0], top=ends[1][1], fill_color=plots.GREY, fill_alpha=0.3,
             line_color=None, level="image")  # fmt: skip
 
 
 def terrain_key(result: Result) -> list[Key]:
-    return [Key("terrain, height of its top above the threshold", BROWN)] if shown_ridges(result) else []
+    return [Key("terrain, height of its top above the threshold", plots.BROWN)] if shown_ridges(result) else []
 
 
 def _cells(
@@ -124,7 +108,7 @@ def _cells(
                     dh=ends[1][1] - ends[1][0], color_mapper=mapper, level="image",
                 )  # fmt: skip
     known = np.isfinite(along) & np.isfinite(values)
-    of = source(x=along[known], y=right[known], image=values[known])
+    of = plots.source(x=along[known], y=right[known], image=values[known])
     fill = {"field": "image", "transform": mapper}
     return on.scatter("x", "y", source=of, marker="square", size=7, fill_color=fill, line_color=None)
 
@@ -133,10 +117,10 @@ def draw_runway(on: figure, result: Result, sites: Sequence[tuple[np.ndarray, np
     """Runway and ground track in a map: the whole runway, if the map keeps half of the axes."""
     along, right = (np.concatenate([site[i].ravel() for site in sites]) for i in (0, 1))
     length = float(setting(result, "runway", "length_m"))
-    on.line([0.0, length], [0.0, 0.0], line_color=GREY, line_width=5)
+    on.line([0.0, length], [0.0, 0.0], line_color=plots.GREY, line_width=5)
     if "/plan/track_along" in result:
-        of = source(x=result["/plan/track_along"], y=result["/plan/track_right"])
-        line(on, of, "y", GREY, line_dash="dashed")
+        of = plots.source(x=result["/plan/track_along"], y=result["/plan/track_right"])
+        plots.line(on, of, "y", plots.GREY, line_dash="dashed")
     shown: list[tuple[float, float]] = []
     for each, more in ((along, (0.0, length)), (right, (0.0, 0.0))):
         low, high = float(np.nanmin(each)), float(np.nanmax(each))
@@ -144,27 +128,27 @@ def draw_runway(on: figure, result: Result, sites: Sequence[tuple[np.ndarray, np
         low, high = wide if wide[1] - wide[0] <= 2.0 * (high - low) else (low, high)
         room = 0.06 * max(high - low, 1.0)
         shown.append((low - room, high + room))
-    view_from_above(on, shown[0], shown[1])
+    plots.view_from_above(on, shown[0], shown[1])
     ridge_lines(on, shown_ridges(result), shown[0], shown[1], over_map=True)
-    from_runway(on)
+    plots.metres_on_axes(on)
 
 
 def _curves(result: Result, name: str) -> tuple[list[figure], str, list[Key]]:
     of = report.curves(result, name, _MOST_CURVES)
-    on = plot("", report.axis_label(result, of.axis), report.label(result, name), 320)
+    on = plots.plot("", report.axis_label(result, of.axis), report.label(result, name), 320)
     numeric = of.x.dtype.kind in "fiu"
     at = of.x if numeric else np.arange(of.x.size)
     text = [as_text(value) for value in of.x]
     marks = []
     for k, (row, which) in enumerate(zip(of.rows, of.names, strict=True)):
-        columns = source(x=at, y=row, said=text)
+        columns = plots.source(x=at, y=row, said=text)
         if not of.scattered:
-            line(on, columns, "y", colour(k))
-        marks.append(on.scatter("x", "y", source=columns, size=6, color=colour(k), name=which or name))
+            plots.line(on, columns, "y", plots.colour(k))
+        marks.append(on.scatter("x", "y", source=columns, size=6, color=plots.colour(k), name=which or name))
     if not numeric:
-        ticks(on, on.xaxis[0], [float(each) for each in at], text)
+        plots.ticks(on, on.xaxis[0], [float(each) for each in at], text)
     unit = result.variables[f"/sweep/{name}"].units
     across, value = report.axis_label(result, of.axis), "@y{0.0000}" + ("" if unit == "1" else f" {unit}")
-    tell(on, marks, ("", "$name"), (across, "@said"), ("value", value))
-    keys = [Key(which, colour(k)) for k, which in enumerate(of.names) if which]
+    plots.hover_text(on, marks, ("", "$name"), (across, "@said"), ("value", value))
+    keys = [Key(which, plots.colour(k)) for k, which in enumerate(of.names) if which]
     return [on], f"{report.label(result, name)}.{f' Shown: {of.some}.' if of.some else ''}", keys

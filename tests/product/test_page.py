@@ -23,7 +23,6 @@ from navsim.formats import sweep_rows
 from navsim.kinds import KINDS, named
 from navsim.page import landing, plots, touchdown
 from navsim.page.document import GENERATOR, Read, page
-from navsim.page.plots import MOST_POINTS, some
 from navsim.page.terrain import ridge_lines
 from navsim.report import citations, summary_tables
 from navsim.report.compare import differences, settings_of
@@ -325,10 +324,10 @@ def test_plans_are_views_from_above(place: Path) -> None:
 
 
 def test_long_histories_are_thinned_and_told_of() -> None:
-    which = some(10 * MOST_POINTS)
-    assert which(np.arange(10 * MOST_POINTS)).size == MOST_POINTS
-    assert which.caption() == f" The figure shows every 10th of {10 * MOST_POINTS} instants."
-    assert some(MOST_POINTS).caption() == ""
+    which = plots.thin(10 * plots.MOST_POINTS)
+    assert which(np.arange(10 * plots.MOST_POINTS)).size == plots.MOST_POINTS
+    assert which.caption() == f" The figure shows every 10th of {10 * plots.MOST_POINTS} instants."
+    assert plots.thin(plots.MOST_POINTS).caption() == ""
 
 
 @pytest.mark.parametrize("name", ["one", "evil"])
