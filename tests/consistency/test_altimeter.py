@@ -18,7 +18,7 @@ from navsim.scenario_files.source import InputError
 from navsim.simulation.aiding import aids_of
 from navsim.simulation.flight import exact_start
 from tests.conftest import SCENARIOS
-from tests.helpers import case, in_brief
+from tests.helpers import case, in_brief, outputs_at, ratios
 from tests.layout import as_declared
 from tests.product.test_run import navsim
 
@@ -45,9 +45,7 @@ def test_runs_agree_with_the_analysis(settings: tuple[str, ...]) -> None:
     runs = fly_all(flown, 5, 0, 400, threads())
     analysis = covariance_analysis(flown)
     assert analysis.sources[-1] == "altimeter"
-    predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
-    at = [int(np.argmin(np.abs(flown.shared.filter_time - t))) for t in range(10, 61, 10)]
-    ratio = np.sqrt(np.mean(runs["error"] ** 2, axis=0))[at, : states.ATT] / predicted[at, : states.ATT]
+    ratio = ratios(runs, analysis, outputs_at(flown, range(10, 61, 10)))
     assert np.all(np.abs(ratio - 1.0) < 0.16), ratio
     without = covariance_analysis(case(*GENTLE, *settings[1:]))
     believed = np.sqrt(np.diagonal(analysis.assumed, axis1=1, axis2=2))[:, DOWN]
@@ -174,8 +172,7 @@ def test_fixes_on_the_copy_that_runs_ahead_are_analysed() -> None:
         assert np.any(events.ahead & (events.kind == FIX))
         analysis = covariance_analysis(flown)
         runs = fly_all(flown, 7, 0, 300, threads())
-        predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)[1:6, :2]
-        ratio = np.sqrt(np.mean(runs["error"] ** 2, axis=0))[1:6, :2] / predicted
+        ratio = ratios(runs, analysis, [*range(1, 6)])[:, :2]
         assert np.all(np.abs(ratio - 1.0) < 0.2), ratio
 
 

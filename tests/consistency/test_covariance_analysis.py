@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from navsim.filter import states
 from navsim.gnss.signals import build_signals
 from navsim.landing.study import Case, covariance_analysis, covariance_result, fly_all
 from navsim.runner.batches import Ensemble
 from navsim.runner.executor import threads
 from navsim.simulation import landing_covariance
 from navsim.simulation.error_sources import SOURCES
-from tests.helpers import case, in_brief
+from tests.helpers import case, in_brief, outputs_at, ratios
 
 GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1")
 MISTUNED = (
@@ -25,14 +24,9 @@ MISTUNED = (
 )
 
 
-def ratios(flown: Case, flights: Ensemble) -> np.ndarray:
-    """RMS over runs divided by the predicted one, at every 10 s, of position and velocity."""
-    error = flights["error"]
-    at = [int(np.argmin(np.abs(flown.shared.filter_time - t))) for t in range(10, 121, 10)]
-    analysis = covariance_analysis(flown)
-    predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
-    measured = np.sqrt(np.mean(error**2, axis=0))
-    return (measured[at] / predicted[at])[:, states.POS : states.POS + 6]
+def ratios_at_tens(flown: Case, flights: Ensemble) -> np.ndarray:
+    """See `ratios`, at 10, 20, ... 120 s."""
+    return ratios(flights, covariance_analysis(flown), outputs_at(flown, range(10, 121, 10)))
 
 
 @pytest.mark.parametrize("settings", in_brief([(), MISTUNED], 1, whole=True), ids=["matched", "mistuned"])
@@ -42,7 +36,7 @@ def test_runs_agree(settings: tuple[str, ...]) -> None:
     That is 4.5 sigma of the sampling; `make validate` takes 2000 runs, and 8 %.
     """
     flown = case(*GENTLE, *settings)
-    ratio = ratios(flown, fly_all(flown, 1, 0, 600, threads()))
+    ratio = ratios_at_tens(flown, fly_all(flown, 1, 0, 600, threads()))
     assert np.all(np.abs(ratio - 1.0) < 0.13), ratio
 
 
@@ -85,7 +79,7 @@ def test_a_mistuned_filter_is_shown_right() -> None:
 def test_systematic_and_correlated_errors(settings: tuple[str, ...]) -> None:
     """Errors the filter knows nothing of: RMS of 600 runs within 13 % (4.5 sigma of the sampling) at every 10 s."""
     flown = case(*GENTLE, *settings)
-    ratio = ratios(flown, fly_all(flown, 1, 0, 600, threads()))
+    ratio = ratios_at_tens(flown, fly_all(flown, 1, 0, 600, threads()))
     assert np.all(np.abs(ratio - 1.0) < 0.13), ratio
 
 
@@ -106,7 +100,7 @@ def test_errors_correlated_in_time(settings: tuple[str, ...]) -> None:
     """Orbits and clocks constant over a run, noise that Hatch's filter drags along: as the runs show, within 13 %."""
     flown = case(*GENTLE, *settings)
     runs = fly_all(flown, 1, 0, 600, threads())
-    ratio = ratios(flown, runs)
+    ratio = ratios_at_tens(flown, runs)
     assert np.all(np.abs(ratio - 1.0) < 0.13), ratio
     analysis = covariance_analysis(flown)
     # innovations too: with the range noise counted twice, 1.1 was expected where runs show 0.66

@@ -13,7 +13,7 @@ from navsim.scenario.estimated_errors import gain_states
 from navsim.scenario_files.source import InputError
 from navsim.sensors.imu import SensorErrors
 from navsim.simulation.inertial_states import true_values
-from tests.helpers import case, scenario
+from tests.helpers import case, ratios, scenario
 
 GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1", "duration_s=60")
 ASKEW = ("imu.gyro.misalignment_mrad=10", "imu.accelerometer.misalignment_mrad=10")
@@ -70,9 +70,7 @@ def test_runs_agree_with_the_analysis() -> None:
     assert analysis.sources[-3:] == ("gyro_misalignment", "accelerometer_misalignment", "gyro_g_sensitivity")
     for of_source in analysis.variance[-3:]:
         assert of_source[-1, states.VEL] > 0.01**2
-    predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
-    at = list(range(10, 61, 10))
-    ratio = np.sqrt(np.mean(runs["error"] ** 2, axis=0))[at, : states.ATT] / predicted[at, : states.ATT]
+    ratio = ratios(runs, analysis, [*range(10, 61, 10)])
     assert np.all(np.abs(ratio - 1.0) < 0.16), ratio
 
 

@@ -8,7 +8,7 @@ import pytest
 from navsim.filter import states
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.runner.executor import threads
-from tests.helpers import case, in_brief
+from tests.helpers import case, in_brief, ratios
 
 GENTLE = ("imu.gyro.drift_deg_h=70", "initial_errors.attitude_deg=1", "receiver.rate_hz=1", "duration_s=60")
 SCALED = ("imu.gyro.scale_ppm=20000", "imu.accelerometer.scale_ppm=20000")
@@ -50,9 +50,7 @@ def test_runs_agree_with_the_analysis(settings: tuple[str, ...]) -> None:
     runs = fly_all(flown, 13, 0, 400, threads())
     analysis = covariance_analysis(flown)
     assert analysis.sources[-2:] == ("gyro_scale", "accelerometer_scale")
-    predicted = np.sqrt(analysis.variance.sum(axis=0) + analysis.mean**2)
-    at = list(range(10, 61, 10))
-    ratio = np.sqrt(np.mean(runs["error"] ** 2, axis=0))[at, : states.ATT] / predicted[at, : states.ATT]
+    ratio = ratios(runs, analysis, [*range(10, 61, 10)])
     assert np.all(np.abs(ratio - 1.0) < 0.16), ratio
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from pathlib import Path
 
 import numpy as np
@@ -50,19 +49,6 @@ def stopped_by(number: str, file: Path, after: int, *more: object) -> Ended:
     return forks.shared().run(*words, cwd=file.parent, what=number, at=after + 1, of=PIECE)
 
 
-def test_killed_twice_and_resumed(place: Path, undisturbed: Path) -> None:
-    """The second time while two threads fly."""
-    file = place / "killed.h5"
-    assert stopped_by("SIGKILL", file, 2).code == -signal.SIGKILL
-    assert len(finished(file)) == 2
-    assert stopped_by("SIGKILL", file, 3, "--workers", 2).code == -signal.SIGKILL
-    assert not file.exists()
-    assert 2 < len(finished(file)) < 8
-    navsim(*COMMAND, "--workers", 1, "-o", file, cwd=place)
-    assert stored(file) == stored(undisturbed)
-    assert not Path(f"{file}.partial").exists()
-
-
 def test_interrupt_keeps_what_is_finished(place: Path, undisturbed: Path, tmp_path: Path) -> None:
     """And `navsim resume` goes on with it, from any folder."""
     file = place / "interrupted.h5"
@@ -77,27 +63,6 @@ def test_interrupt_keeps_what_is_finished(place: Path, undisturbed: Path, tmp_pa
     assert stored(file) == stored(undisturbed)
     assert not Path(f"{file}.partial").exists()
     assert "no folder of partial work" in navsim("resume", f"{file}.partial", cwd=tmp_path, code=2).stderr
-
-
-def cut(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:-1000])
-
-
-def flip(path: Path) -> None:
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    path.write_bytes(content)
-
-
-def test_damaged_batches_are_flown_again(place: Path, undisturbed: Path) -> None:
-    """One cut short, and one with a bit changed."""
-    file = place / "damaged.h5"
-    stopped_by("SIGKILL", file, 4)
-    for damage, victim in zip((cut, flip), finished(file)[:2], strict=True):
-        damage(victim)
-    done = navsim(*COMMAND, "-o", file, cwd=place)
-    assert "2 damaged piece(s)" in done.stderr
-    assert stored(file) == stored(undisturbed)
 
 
 def test_full_disk_keeps_finished_batches(place: Path) -> None:

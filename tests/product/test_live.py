@@ -15,7 +15,6 @@ import socket
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 import tty
 import types
@@ -243,45 +242,6 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
-
-
-@pytest.mark.parametrize("kind", ["udp", "tcp", "tcp-listen"])
-def test_over_the_network(kind: str) -> None:
-    """Two hundred lines come through, whole and in order."""
-    port = free_port()
-    sent = [f"line {k}" for k in range(200)]
-    ready = threading.Event()
-
-    def send() -> None:
-        if kind == "tcp":
-            with socket.create_server(("127.0.0.1", port)) as server:
-                ready.set()
-                link, _ = server.accept()
-                with link:
-                    link.sendall(("\n".join(sent) + "\n").encode())
-            return
-        ready.wait(5.0)
-        time.sleep(0.2)
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM) as link:
-            link.connect(("127.0.0.1", port))
-            for line in sent:
-                link.sendall((line + "\r\n").encode())
-                time.sleep(0.0005)
-
-    sender = threading.Thread(target=send)
-    sender.start()
-    if kind == "tcp":
-        ready.wait(5.0)
-    got = []
-    with open_source(f"{kind}://127.0.0.1:{port}") as lines:
-        ready.set()
-        while len(got) < len(sent):
-            line = lines.take(3.0)
-            if line is None:
-                break
-            got.append(line)
-    sender.join()
-    assert got == sent
 
 
 def test_a_serial_device(tmp_path: Path) -> None:
@@ -748,19 +708,6 @@ def test_sentences_without_checksums_are_read_when_lenient(flown: Any) -> None:
     assert session.counts["used"] == whole.counts["used"]
     assert not warned
     np.testing.assert_array_equal(result["/filter/error"], expected["/filter/error"])
-
-
-def test_messages_of_ships_are_not_corrupt(flown: Any) -> None:
-    """Of live streams as of files: encapsulated sentences are of another kind, what only begins like one is not."""
-    c, expected, _, nmea = flown
-    ship = "!AIVDM,1,1,,A,13u?etPv2;0n:dDPwUM1U1Cb069D,0*23"
-    lines = [each for line in nmea.read_text().splitlines() for each in (ship, line)]
-    session, result, warned = flew(c, ["!!?", *lines])
-    assert session.counts["corrupt"] == 1
-    assert session.counts["other"] == sum(line == ship for line in lines)
-    assert session.counts["used"] == expected["/geometry/time"].size
-    assert not flying.failures(result)
-    assert not warned
 
 
 def test_every_line_twice_is_a_result(flown: Any) -> None:

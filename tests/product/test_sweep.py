@@ -177,19 +177,6 @@ def test_killed_twice_with_damage_on_the_way(place: Path, grid: Path) -> None:
     assert not folder.exists()
 
 
-def test_another_study_is_refused(place: Path) -> None:
-    target = place / "other.h5"
-    folder = Path(f"{target}.partial")
-    folder.mkdir()
-    (folder / "key.json").write_text(json.dumps({"study_sha256": "x", "seed": 1}))
-    (folder / "0000000.npz").write_text("of a piece")
-    text = "set: {pseudolites.frame: runway, pseudolites.count: 1, pseudolites.l1_m: 500}\noutputs: [pdop]\n"
-    file = study(place, "other", f"{text}vary: [{{key: pseudolites.s_m, values: [100, 200]}}]")
-    done = navsim("sweep", file, "-o", target, cwd=place, code=2)
-    assert "--fresh" in done.stderr
-    navsim("sweep", file, "-o", target, "--fresh", "-q", cwd=place)
-
-
 def test_methods_that_fly_a_filter(place: Path) -> None:
     """Covariance cells are those of `navsim run --method covariance`; runs agree with them, with intervals."""
     text = """

@@ -287,6 +287,12 @@ def test_sentences_of_other_kinds_are_not_corrupt(body: str) -> None:
     assert (assembler.corrupt, assembler.other) == (0, 1)
 
 
+def test_encapsulated_sentences_are_not_corrupt() -> None:
+    """Messages of ships begin with another sign; what only begins so is no sentence."""
+    _, assembler = assembled("!AIVDM,1,1,,A,13u?etPv2;0n:dDPwUM1U1Cb069D,0*23", "!!?")
+    assert (assembler.other, assembler.foreign) == (1, 1)
+
+
 def test_a_short_sentence_with_its_checksum_is_no_crash() -> None:
     for body in (
         "GPGGA,120001.00,4807.03,N",
