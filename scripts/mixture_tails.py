@@ -41,7 +41,7 @@ from navsim.landing.study import Case
 from navsim.simulation.flight import initial_estimate, initial_state, with_clock
 from navsim.simulation.measurement_tables import measurements, table_of_all_fixes
 from navsim.simulation.measurements import receiver_fixes
-from navsim.simulation.run_inputs import draw
+from navsim.simulation.run_inputs import draw_inputs
 
 SAMPLES = 999
 """Samples of each mixture. A true one has all of them below the truth in 1 of 1000 cases."""
@@ -146,7 +146,7 @@ def fly(case: Case, seed: int, first: int) -> list[list[np.ndarray]]:
     flight, shared, model = case.flight, case.shared, case.flight.model
     if shared.dispersion is not None or flight.design.tight or flight.events.ahead.any():
         raise ValueError("only loose coupling without latency along the route")
-    inputs, rows = draw(flight, seed, range(first, first + WIDTH)), outputs(case)
+    inputs, rows = draw_inputs(flight, seed, range(first, first + WIDTH)), outputs(case)
     llh, velocity, _, covariance = receiver_fixes(shared, inputs.ranges, inputs.rates)
     tables = measurements(flight, table_of_all_fixes(flight, llh, velocity, covariance), ())
     nav = with_clock(flight, initial_estimate(flight, inputs.initial), inputs.clock)

@@ -168,7 +168,7 @@ def honesty() -> list[str]:
                 value, _, effective = weighted_share(
                     log_weights[:runs], outside[:runs], mix.most_weight, mix.most_weight
                 )
-                if rare_events.narrow(value, effective, rare_events.USUAL):
+                if rare_events.is_narrow(value, effective, rare_events.USUAL):
                     break
             found.append((runs, value[0] / truth, value[2] < truth, effective))
         runs, over, missed, effective = np.array(found, float).T

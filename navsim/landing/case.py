@@ -22,7 +22,7 @@ from navsim.gnss.interference.horizon import behind
 from navsim.gnss.signals import Pseudolites, SignalScenario
 from navsim.landing.beacons import BeaconGeometry, beacon_geometry, curvature_warnings
 from navsim.landing.faults import watching
-from navsim.landing.preflight import PreflightChecks, modelled
+from navsim.landing.preflight import PreflightChecks, build_environment
 from navsim.results.heights import height_m
 from navsim.results.schema import HEIGHTS, RMS_WINDOW
 from navsim.scenario.analysable import check_analysable
@@ -262,7 +262,7 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
 
     Raises InputError for a file of satellites that cannot be used, and errors of `ask`.
     """
-    trajectory, sources, scenario, warnings = modelled(scenario, document)
+    trajectory, sources, scenario, warnings = build_environment(scenario, document)
     ask(scenario, sources)
     case = case_of(scenario, trajectory, sources, world_of(scenario, trajectory, sources), warnings)
     case.preflight.check(document)

@@ -16,7 +16,7 @@ import numpy as np
 
 from navsim.filter import states
 from navsim.landing.case import PERCENTILES, Case, crossing_times, rms_window
-from navsim.landing.ensemble import FIRST_ORDER, beside_times, between_outputs, percent, to_runway
+from navsim.landing.ensemble import FIRST_ORDER, between_outputs, outputs_around, percent, to_runway
 from navsim.landing.error_box import box_of
 from navsim.results.builder import ResultBuilder
 from navsim.results.estimates import BRANCH
@@ -62,8 +62,8 @@ class Controls:
         first_order, turn = self.case.first_order, to_runway(self.case)
         assert first_order is not None
         covariance = turn @ self.case.first_order_covariance @ turn.T
-        mean = beside_times(self.case, times, first_order.mean[:, states.SLICES["position"]] @ turn.T)
-        flat = beside_times(self.case, times, covariance.reshape(-1, 9))
+        mean = outputs_around(self.case, times, first_order.mean[:, states.SLICES["position"]] @ turn.T)
+        flat = outputs_around(self.case, times, covariance.reshape(-1, 9))
         return mean, flat.reshape(*mean.shape, 3)
 
     def at_heights(self) -> list[list[OneError]]:

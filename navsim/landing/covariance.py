@@ -19,15 +19,15 @@ from navsim.landing.ensemble import (
     PENALTY_UNSOLVED,
     UNHEARD,
     UNRANGED,
-    at_times,
+    interpolate_outputs,
     of_fixes,
     of_outputs,
     to_runway,
     turned_variances,
     variances_at_heights,
 )
-from navsim.landing.error_box import box_of, to_first_order
-from navsim.landing.result_groups import accuracy, attributes, base, belief
+from navsim.landing.error_box import box_of, write_first_order_box
+from navsim.landing.result_groups import attributes, start_result, write_accuracy, write_filter_sigmas
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, kept, several
 from navsim.results.result import Result
@@ -65,7 +65,7 @@ def covariance_analysis(case: Case) -> Analysis:
 def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
     """Result of a covariance analysis: the names of a Monte Carlo study where they mean the same, with `/covariance`
     and `/budget`."""
-    draft = base(case, COVARIANCE)
+    draft = start_result(case, COVARIANCE)
     square = _squares(analysis)
     draft["/run"] = np.zeros(1, np.int64)
     draft["/filter/sigma"] = np.sqrt(np.diagonal(analysis.assumed, axis1=1, axis2=2))[None]
@@ -78,9 +78,9 @@ def covariance_result(case: Case, analysis: Analysis, seed: int) -> Result:
         draft.put(f"/{group}/state", np.array(case.states), {"state_units": ", ".join(case.state_units)})
     _summary(draft, case, analysis, square)
     _beacons(draft, case, analysis)
-    integrity.described(draft, case)
+    integrity.write_levels(draft, case)
     integrity.in_runway_axes(draft, case)
-    integrity.compared(draft, case)
+    integrity.write_comparison(draft, case)
     risk_sampling.sampled_risks(draft, case, seed)
     requirements.write_verdicts(draft, case, 0, _moments(case, analysis))
     out = draft.result(attributes(case, seed))
@@ -174,7 +174,7 @@ def covariance_summary(case: Case, analysis: Analysis) -> ResultBuilder:
 def judged_without_runs(case: Case, analysis: Analysis | None) -> list[requirements.RequirementValue]:
     """Values of a case's requirements from the geometry, and from its covariance analysis if there is one."""
     draft = ResultBuilder(COVARIANCE) if analysis is None else covariance_summary(case, analysis)
-    integrity.described(draft, case)
+    integrity.write_levels(draft, case)
     return requirements.fulfilments(draft, case, 0, None if analysis is None else _moments(case, analysis))
 
 
@@ -199,7 +199,7 @@ def _summary(draft: ResultBuilder, case: Case, analysis: Analysis, square: np.nd
     mean, cov = _at_heights(case, analysis, crossing_times(case))
     if (box := box_of(case)) is not None:
         (off,), (spread,) = _at_heights(case, analysis, [box.time])
-        to_first_order(draft, box, off, np.sqrt(np.diagonal(spread)))
+        write_first_order_box(draft, box, off, np.sqrt(np.diagonal(spread)))
     attitude = states.SLICES["attitude"]
     square_of_all = analysis.covariance + analysis.mean[:, :, None] * analysis.mean[:, None, :]
     to_rpy = rpy_jacobian(case.shared.at_filter.rpy[window])
@@ -208,7 +208,7 @@ def _summary(draft: ResultBuilder, case: Case, analysis: Analysis, square: np.nd
         found = turned_variances(to_rpy, history[window, attitude, attitude])
         return found.mean(axis=0) if window.any() else np.full(3, np.nan)
 
-    accuracy(
+    write_accuracy(
         draft,
         case,
         _exact(np.sqrt(late.sum(axis=0)[: states.SENSORS])),
@@ -218,7 +218,7 @@ def _summary(draft: ResultBuilder, case: Case, analysis: Analysis, square: np.nd
         _exact(np.sqrt(mean**2 + np.diagonal(cov, axis1=1, axis2=2)).T),
     )
     variance = np.diagonal(analysis.assumed, axis1=1, axis2=2)[window]
-    belief(
+    write_filter_sigmas(
         draft,
         variance.mean(axis=0) if window.any() else np.full(n, np.nan),
         late_rpy(analysis.assumed),
@@ -263,6 +263,6 @@ def _at_heights(case: Case, analysis: Analysis, times: list[float]) -> tuple[np.
     """Mean (h, 3) and covariance (h, 3, 3) of lateral, along, vertical errors at times, s; both are interpolated
     between the filter's outputs."""
     turn = to_runway(case)
-    mean = at_times(case, times, analysis.mean[:, : states.VEL]) @ turn.T
+    mean = interpolate_outputs(case, times, analysis.mean[:, : states.VEL]) @ turn.T
     position = analysis.covariance[:, : states.VEL, : states.VEL]
-    return mean, turn @ at_times(case, times, position.reshape(-1, 9)).reshape(-1, 3, 3) @ turn.T
+    return mean, turn @ interpolate_outputs(case, times, position.reshape(-1, 9)).reshape(-1, 3, 3) @ turn.T

@@ -159,7 +159,7 @@ class LandingStudy:
                 {
                     "position_square": squares[:, states.SLICES["position"]],
                     "at_height": at_heights(self.case, crossings, runs.error),
-                    "at_box": judged(self.case, self.box_time, runs),
+                    "at_box": box_errors(self.case, self.box_time, runs),
                     "fixes": np.sum(~np.isnan(runs.fix_llh[..., 0]), axis=1),
                     **{f"fix_flaws_{part}": getattr(fixes, part) for part in FLAW_PARTS},
                     **{f"output_flaws_{part}": getattr(outputs, part) for part in FLAW_PARTS},
@@ -169,11 +169,11 @@ class LandingStudy:
                     "weighed": runs.degrees.sum(axis=1),
                     "weighed_ranges": np.sum(runs.range_status != NOT_USED, axis=(1, 2)),
                     **of_aids(self.case, runs),
-                    **integrity.tally(self.case, runs),
+                    **integrity.count_epochs(self.case, runs),
                     "degrees": runs.degrees.max(axis=1, initial=0),
                     "inside": _inside(runs),
                     **fix_states.of_runs(runs),
-                    **technical(self.case, crossings, runs),
+                    **flight_technical_errors(self.case, crossings, runs),
                     **({"clipped": runs.clipped} if self.case.flight.limited else {}),
                     **({"loop_gap": runs.loop_gap[:, 0]} if self.case.scenario.steered else {}),
                     **(self._linear(runs.first_order) if linear else {}),
@@ -214,8 +214,8 @@ class LandingStudy:
         return {
             FIRST_ORDER: mean_square(error[:, self.window]),
             "first_order_mean": _mean(error[:, self.window]),
-            "first_order_at_height": beside_times(self.case, self.crossings, error @ to_runway(self.case).T),
-            "first_order_at_box": beside_times(self.case, self.box_time, error @ to_runway(self.case).T),
+            "first_order_at_height": outputs_around(self.case, self.crossings, error @ to_runway(self.case).T),
+            "first_order_at_box": outputs_around(self.case, self.box_time, error @ to_runway(self.case).T),
         }
 
 
@@ -473,7 +473,7 @@ def to_runway(case: Case) -> np.ndarray:
     return np.array([[-s, c, 0.0], [c, s, 0.0], [0.0, 0.0, -1.0]])
 
 
-def at_times(case: Case, times: list[float], history: np.ndarray) -> np.ndarray:
+def interpolate_outputs(case: Case, times: list[float], history: np.ndarray) -> np.ndarray:
     """Histories of the filter's outputs (..., t, m) at some times (..., h, m), between outputs in a straight line; nan
     for nan."""
     unknown = ~np.isfinite(times)
@@ -485,7 +485,7 @@ def at_times(case: Case, times: list[float], history: np.ndarray) -> np.ndarray:
     return np.asarray(out)
 
 
-def beside_times(case: Case, times: list[float], history: np.ndarray) -> np.ndarray:
+def outputs_around(case: Case, times: list[float], history: np.ndarray) -> np.ndarray:
     """Histories of the filter's outputs (..., t, m) at the outputs before and after some times (..., h, 2, m); nan for
     nan."""
     unknown = ~np.isfinite(times)
@@ -507,11 +507,11 @@ def between_outputs(case: Case, times: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def variances_at_heights(case: Case, crossings: list[float], covariance: np.ndarray) -> np.ndarray:
     """Variances (..., h, 3) of lateral, along-track and vertical errors at the crossings, of covariances (..., t, 3,
     3), m2."""
-    flat = at_times(case, crossings, covariance.reshape(*covariance.shape[:-2], 9))
+    flat = interpolate_outputs(case, crossings, covariance.reshape(*covariance.shape[:-2], 9))
     return turned_variances(to_runway(case), flat.reshape(*flat.shape[:-1], 3, 3))
 
 
-def technical(case: Case, crossings: list[float], runs: Run) -> dict[str, np.ndarray]:
+def flight_technical_errors(case: Case, crossings: list[float], runs: Run) -> dict[str, np.ndarray]:
     """Flight-technical errors (run, h, 3) at the crossings of the route, where runs deviate from it, and their ends."""
     ways = case.shared.dispersion
     if ways is None:
@@ -523,12 +523,12 @@ def technical(case: Case, crossings: list[float], runs: Run) -> dict[str, np.nda
 
 def _technical(case: Case, when: list[float], runs: Run) -> np.ndarray:
     """Deviation of each run from the route (run, h, 3); with guidance by estimates, the deviation of the estimate."""
-    off = at_times(case, when, runs.deviation)
+    off = interpolate_outputs(case, when, runs.deviation)
     ways = case.shared.dispersion
     return off if ways is None or not ways.steered else off - at_heights(case, when, runs.error)
 
 
-def judged(case: Case, when: list[float], runs: Run) -> np.ndarray:
+def box_errors(case: Case, when: list[float], runs: Run) -> np.ndarray:
     """The errors (run, h, 3) that the scenario's box limits, at times (h,), s: of navigation, the total ones, or those
     of touchdown."""
     error, box = at_heights(case, when, runs.error), case.scenario.box
@@ -543,4 +543,4 @@ def judged(case: Case, when: list[float], runs: Run) -> np.ndarray:
 
 def at_heights(case: Case, crossings: list[float], error: np.ndarray) -> np.ndarray:
     """Lateral, along-track and vertical position errors (..., h, 3) at the crossings, m, of errors (..., t, n)."""
-    return at_times(case, crossings, error[..., states.SLICES["position"]]) @ to_runway(case).T
+    return interpolate_outputs(case, crossings, error[..., states.SLICES["position"]]) @ to_runway(case).T

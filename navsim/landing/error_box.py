@@ -51,7 +51,7 @@ def box_of(case: Case) -> ErrorBox | None:
     )  # fmt: skip
 
 
-def described(draft: ResultBuilder, box: ErrorBox) -> None:
+def write_box(draft: ResultBuilder, box: ErrorBox) -> None:
     """Write the definition of the box."""
     if "/axis" not in draft:
         draft["/summary/box/axis"] = np.array(AXES)
@@ -62,9 +62,9 @@ def described(draft: ResultBuilder, box: ErrorBox) -> None:
         draft["/summary/box/place"] = box.place
 
 
-def counted(draft: ResultBuilder, box: ErrorBox, errors: np.ndarray, gone: np.ndarray) -> None:
+def write_box_counts(draft: ResultBuilder, box: ErrorBox, errors: np.ndarray, gone: np.ndarray) -> None:
     """The box, and how many errors (run, 3) are outside; runs that have gone around (run,) end nowhere."""
-    described(draft, box)
+    write_box(draft, box)
     outside = box.beyond(errors) & ~gone[:, None]
     draft["/summary/box/error_run"] = errors
     draft["/summary/box/outside"] = np.int64(outside.any(axis=1).sum())
@@ -79,9 +79,9 @@ def counted(draft: ResultBuilder, box: ErrorBox, errors: np.ndarray, gone: np.nd
         draft["/summary/box/axis_gaussian"] = where_limited(box, chances)
 
 
-def to_first_order(draft: ResultBuilder, box: ErrorBox, mean: np.ndarray, sigma: np.ndarray) -> None:
+def write_first_order_box(draft: ResultBuilder, box: ErrorBox, mean: np.ndarray, sigma: np.ndarray) -> None:
     """The box, and how often Gaussian errors with these means and sigmas (3,), m, are outside."""
-    described(draft, box)
+    write_box(draft, box)
     draft["/summary/box/axis_mean"] = mean
     draft["/summary/box/axis_sigma"] = sigma
     draft["/summary/box/axis_first_order"] = where_limited(box, normal.outside(box.lower, box.upper, mean, sigma))

@@ -28,7 +28,7 @@ from navsim.runner.estimate import (
 from navsim.scenario.estimated_errors import correlated_states, gain_states, transmitter_states
 from navsim.scenario.filter import SMOOTHERS, SUM
 from navsim.scenario.landing import Landing
-from navsim.simulation.aiding import followed_errors, times_of
+from navsim.simulation.aiding import followed_errors, measurement_times
 from navsim.simulation.error_sources import SOURCES
 from navsim.simulation.inertial_states import true_states
 
@@ -133,7 +133,7 @@ def extent(scenario: Landing, sources: SignalScenario) -> Extent:
         scenario.filter.states(
             scales, gain_states(scenario) + correlated + transmitter_states(scenario) + sum(of_aids)
         ),
-        sum(times_of(sensor, scenario.duration_s, scenario.imu.rate_hz).size for sensor in sensors),
+        sum(measurement_times(sensor, scenario.duration_s, scenario.imu.rate_hz).size for sensor in sensors),
         fixes * _waiting(scenario) * sum(sensor.rate for sensor in sensors),
         0 if scenario.integrity is None else fixes,
         0 if scenario.integrity is None or scenario.integrity.exclusion == "none" else fixes,

@@ -120,7 +120,7 @@ def least_limits(asked: ApproachLimits) -> np.ndarray:
     return limits.min(axis=0, initial=np.inf)
 
 
-def within(asked: ApproachLimits, levels: np.ndarray) -> np.ndarray:
+def below_limits(asked: ApproachLimits, levels: np.ndarray) -> np.ndarray:
     """Whether levels (..., 2) of tested fixes, nan of others, are below their limits; without a limit no level is
     needed."""
     return relative_levels(asked, levels) <= 1.0
@@ -132,7 +132,7 @@ def relative_levels(asked: ApproachLimits, levels: np.ndarray) -> np.ndarray:
     return np.where(np.isinf(asked.limits), 0.0, relative)
 
 
-def faulty(case: Case) -> np.ndarray:
+def faulty_measurements(case: Case) -> np.ndarray:
     """Which measurements, of sources and of monitored transmitters on the ground, are wrong by an event or a fault
     (e, s + g) bool."""
     signals, watching = case.shared.signals, case.flight.watching
@@ -157,9 +157,9 @@ def faulty(case: Case) -> np.ndarray:
     return np.hstack([out, on_ground & ground_received(case.flight)])
 
 
-def outcomes(case: Case) -> np.ndarray:
+def exclusion_outcomes(case: Case) -> np.ndarray:
     """Outcome by `EXCLUSIONS` of excluding each candidate at each epoch (c + 1, e); the last is `NOTHING`."""
-    wrong, watching = faulty(case), case.flight.watching
+    wrong, watching = faulty_measurements(case), case.flight.watching
     if case.flight.bank is not None:
         wrong = np.logical_or.accumulate(wrong, axis=0)  # a filter that took it does not forget it
     names = (*case.shared.signals.names, *(() if watching is None else watching.ground))
@@ -169,7 +169,7 @@ def outcomes(case: Case) -> np.ndarray:
     return np.concatenate([came, np.full((1, wrong.shape[0]), NOTHING)])
 
 
-def tally(case: Case, runs: Run) -> Arrays:
+def count_epochs(case: Case, runs: Run) -> Arrays:
     """Counts of each of several runs, on the glide; empty without a monitor."""
     monitor = case.flight.monitor
     if monitor is None:
@@ -191,7 +191,7 @@ def tally(case: Case, runs: Run) -> Arrays:
     levels = tested_levels(monitor)[None]
     if excludes(case):
         excluded, levels = runs.monitor_excluded[:, glide], runs.monitor_level
-        came = outcomes(case)[excluded, np.flatnonzero(glide)]
+        came = exclusion_outcomes(case)[excluded, np.flatnonzero(glide)]
         out["integrity_exclusions"] = (came[..., None] == np.arange(len(EXCLUSIONS))).sum(axis=1)
         if sizes := _levels_required(case):
             small = [levels[:, glide, axis] <= size for axis, size in sizes]
@@ -202,14 +202,14 @@ def tally(case: Case, runs: Run) -> Arrays:
     asked = approach_limits(case)
     if asked is None:
         return out
-    low = within(asked, levels)
+    low = below_limits(asked, levels)
     available = settled & low.all(axis=2)
     out["integrity_available"] = available[:, glide].sum(axis=1)
     if excludes(case):
         out["integrity_regained"] = (available[:, glide] & (status == EXCLUDED)).sum(axis=1)
     out["integrity_approach"] = available[:, asked.due].all(axis=1).astype(np.int64) * int(asked.due.any())
-    out["integrity_windows"] = windows(asked.time[glide], available[:, glide])
-    region = regions(asked, levels, runs.monitor_status, runs.watched_error)[:, glide]
+    out["integrity_windows"] = continuity_windows(asked.time[glide], available[:, glide])
+    region = stanford_regions(asked, levels, runs.monitor_status, runs.watched_error)[:, glide]
     out["integrity_regions"] = np.stack([(region == i).sum(axis=1) for i in range(len(REGIONS))], axis=2)
     exceeded = runs.watched_error[:, glide] > asked.limits[glide]
     # a level above its limit has already announced that the error may be large
@@ -217,7 +217,7 @@ def tally(case: Case, runs: Run) -> Arrays:
     out["integrity_misled"] = np.zeros((status.shape[0], 2), np.int64)
     out["integrity_delay"] = np.full((status.shape[0], 2), np.nan)
     for run, axis in np.argwhere(misled.any(axis=1)):
-        found = stretches(asked, asked.time[glide], misled[run, :, axis], alerted(status[run]))
+        found = missed_alerts(asked, asked.time[glide], misled[run, :, axis], alerted(status[run]))
         out["integrity_misled"][run, axis], out["integrity_delay"][run, axis] = found
     return out
 
@@ -250,7 +250,7 @@ def is_kept_from_faults(case: Case) -> bool:
 
     Covariance analysis and levels of all sources do not include this.
     """
-    return (excludes(case) or case.flight.drops) and bool(faulty(case).any())
+    return (excludes(case) or case.flight.drops) and bool(faulty_measurements(case).any())
 
 
 def watches_innovations(case: Case) -> bool:
@@ -259,7 +259,7 @@ def watches_innovations(case: Case) -> bool:
     return watching is not None and watching.innovations is not None
 
 
-def regions(asked: ApproachLimits, levels: np.ndarray, status: np.ndarray, error: np.ndarray) -> np.ndarray:
+def stanford_regions(asked: ApproachLimits, levels: np.ndarray, status: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Region of each fix in horizontal and vertical Stanford diagrams (r, e, 2), by `REGIONS`.
 
     error: (r, e, 2); levels: (r or 1, e, 2) of tested ones; status: (r, e).
@@ -273,7 +273,7 @@ def regions(asked: ApproachLimits, levels: np.ndarray, status: np.ndarray, error
     return np.where((status == ALARM)[..., None], ALARMED, found)
 
 
-def windows(time: np.ndarray, available: np.ndarray) -> np.ndarray:
+def continuity_windows(time: np.ndarray, available: np.ndarray) -> np.ndarray:
     """Number of intervals of `WINDOW` that begin available, and of those in which availability is lost (r, 2).
 
     available: (r, e).
@@ -286,7 +286,7 @@ def windows(time: np.ndarray, available: np.ndarray) -> np.ndarray:
     return np.stack([begun.sum(axis=1), (begun & broken).sum(axis=1)], axis=1)
 
 
-def stretches(asked: ApproachLimits, time: np.ndarray, misled: np.ndarray, alarm: np.ndarray) -> tuple[int, float]:
+def missed_alerts(asked: ApproachLimits, time: np.ndarray, misled: np.ndarray, alarm: np.ndarray) -> tuple[int, float]:
     """Alerts for intervals in which an error exceeds its limit and its level does not.
 
     Returns the number of intervals (e,) without an alert, as of `alerted`, within the time to alert; and the longest
@@ -306,7 +306,7 @@ def stretches(asked: ApproachLimits, time: np.ndarray, misled: np.ndarray, alarm
     return late, longest
 
 
-def described(draft: ResultBuilder, case: Case) -> None:
+def write_levels(draft: ResultBuilder, case: Case) -> None:
     """Write levels by geometry, which are the same in all runs, and their summary; nothing without a monitor."""
     monitor, watching = case.flight.monitor, case.flight.watching
     if monitor is None or watching is None:
@@ -345,7 +345,7 @@ def _numbers(values: np.ndarray) -> np.ndarray:
 
 
 def in_runway_axes(draft: ResultBuilder, case: Case) -> None:
-    """Write levels across and along the runway, beside those of `described`; nothing without a monitor."""
+    """Write levels across and along the runway, beside those of `write_levels`; nothing without a monitor."""
     flight, bearing = case.flight, case.scenario.runway.heading_deg * DEG
     if flight.bank is not None:
         levels = flight.bank.along(bearing)
@@ -359,7 +359,7 @@ def in_runway_axes(draft: ResultBuilder, case: Case) -> None:
         draft[f"/summary/integrity/level_{name}"] = _numbers(levels[there, i])
 
 
-def compared(draft: ResultBuilder, case: Case) -> None:
+def write_comparison(draft: ResultBuilder, case: Case) -> None:
     """Write levels of the same fixes by the methods of other systems, if requested."""
     section = case.scenario.integrity
     if section is None or section.comparison is None:
@@ -409,7 +409,7 @@ def levels_without_alarm(case: Case, ensemble: Ensemble) -> list[Finding]:
 def level_outputs(case: Case) -> dict[str, float]:
     """Levels on the glide for those who need no more, by the names that sweeps have for them."""
     draft = ResultBuilder(COVARIANCE)
-    described(draft, case)
+    write_levels(draft, case)
     out = {"level_share": float(draft["/summary/integrity/level_share"])}
     for name in ("hpl", "vpl"):
         numbers = draft[f"/summary/integrity/{name}"]
@@ -417,7 +417,7 @@ def level_outputs(case: Case) -> dict[str, float]:
     return out
 
 
-def counted(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
+def write_counts(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     """Write the counts of runs; nothing without a monitor."""
     if case.flight.monitor is None:
         return

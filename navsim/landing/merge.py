@@ -204,7 +204,7 @@ def _pieces(variable: Variable) -> Iterable[np.ndarray]:
     return data.blocks()
 
 
-def described(parts: Parts) -> str:
+def describe_parts(parts: Parts) -> str:
     """The parts in a line."""
     first, last = int(parts[0][1]["/run"][0]), int(parts[-1][1]["/run"][-1])
     return f"{several(len(parts), 'part')}, runs {first} to {last}"

@@ -52,7 +52,7 @@ class MergeJob:
         return Budget(BASE_MEMORY + 3.0 * numbers + image, float(size + variables))
 
     def described(self) -> str:
-        return merge.described(self.parts)
+        return merge.describe_parts(self.parts)
 
     def key(self) -> dict[str, object]:
         return {}

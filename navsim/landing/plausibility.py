@@ -48,7 +48,7 @@ _STEP = 0.5
 """Between times of the flight that are looked at, s."""
 
 
-def implausible(scenario: Landing, trajectory: Moving) -> list[str]:
+def plausibility_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
     """Warnings of values that no aircraft, sensor, wind or runway has."""
     return [
         *_lever_arms(scenario), *_drifts(scenario), *_speeds(scenario), *_wind(scenario, trajectory),

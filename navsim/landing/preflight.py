@@ -18,7 +18,7 @@ from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
 from navsim.gnss.constellations.systems import CLOCKS, first_time_scale
 from navsim.gnss.events import EVERY
 from navsim.gnss.interference.horizon import Terrain, flown_under
-from navsim.landing.plausibility import implausible, one_direction
+from navsim.landing.plausibility import one_direction, plausibility_warnings
 from navsim.scenario.approach import FileApproach
 from navsim.scenario.box import BoxSection
 from navsim.scenario.events import EventSection
@@ -233,9 +233,9 @@ class PreflightChecks:
         return bool(seen.received[np.ix_(lasting, concerned)].any())
 
     def times_at_heights(self, heights: Sequence[float]) -> list[float]:
-        """`passed`, with nan for times after the filter's last output."""
+        """`descent_times`, with nan for times after the filter's last output."""
         last = self.outputs[-1] + 1e-9
-        return [when if when <= last else math.nan for when in passed(self.scenario, self.trajectory, heights)]
+        return [when if when <= last else math.nan for when in descent_times(self.scenario, self.trajectory, heights)]
 
     @cached_property
     def box_time(self) -> float:
@@ -258,7 +258,7 @@ class PreflightChecks:
         box = self.scenario.box
         if box is None or not math.isnan(self.box_time):
             return
-        (when,), last = passed(self.scenario, self.trajectory, [box.height_m]), float(self.outputs[-1])
+        (when,), last = descent_times(self.scenario, self.trajectory, [box.height_m]), float(self.outputs[-1])
         what = f"comes down through {box.height_m:g} m above the runway" if box.height_m else "touches down"
         after = f"the aircraft {what} at {when:.2f} s, after the filter's last output at {last:g} s"
         text = f"the aircraft never {what} within duration_s" if math.isnan(when) else after
@@ -318,7 +318,7 @@ def trajectory_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
             f"the go-around begins at {broken_off:.1f} s (approach.go_around): there is no touchdown; figures "
             "there are not defined, and those of the last seconds before it are of the end of the simulation"
         )
-    out += implausible(scenario, trajectory) + one_direction(scenario, trajectory)
+    out += plausibility_warnings(scenario, trajectory) + one_direction(scenario, trajectory)
     if scenario.beacons is not None:
         from navsim.environment.sources import on_glide
         from navsim.landing.beacons import beacon_geometry, beacon_warnings
@@ -476,7 +476,7 @@ def _out_of_sight(environment: SignalScenario, antenna: np.ndarray) -> list[str]
     return out
 
 
-def modelled(scenario: Landing, document: Document) -> tuple[Moving, SignalScenario, Landing, list[str]]:
+def build_environment(scenario: Landing, document: Document) -> tuple[Moving, SignalScenario, Landing, list[str]]:
     """Trajectory, sources of signals, the scenario with the checksums of its files, and warnings about its sky.
 
     Raises InputError for unusable files, and for pseudolites in the way of the aircraft.
@@ -587,7 +587,7 @@ def warnings_of(scenario: Landing, document: Document) -> list[str]:
         return [*scenario.unused(), *trajectory_warnings(scenario, scenario.trajectory()), *none]
     from navsim.gnss.signals import build_signals
 
-    trajectory, sources, scenario, warnings = modelled(scenario, document)
+    trajectory, sources, scenario, warnings = build_environment(scenario, document)
     motion = trajectory.motion(fixes)
     signals = build_signals(motion, scenario.epoch.timestamp(), sources)
     outputs = np.concatenate([[0.0], fixes + receiver.latency])
@@ -596,7 +596,7 @@ def warnings_of(scenario: Landing, document: Document) -> list[str]:
     return [*warnings, *ahead.warnings, *none, *_without_fix(scenario, sources, signals, motion)]
 
 
-def passed(scenario: Landing, trajectory: Moving, heights: Sequence[float]) -> list[float]:
+def descent_times(scenario: Landing, trajectory: Moving, heights: Sequence[float]) -> list[float]:
     """Last times of descent through these heights above the runway, m, 0 for touchdown, s; nan if not within the
     flight."""
     path = trajectory.path

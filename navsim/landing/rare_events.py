@@ -25,8 +25,8 @@ from navsim.landing.ensemble import (
     GATED,
     at_heights,
     between_outputs,
+    box_errors,
     fix_flaws,
-    judged,
     of_aids,
     of_fixes,
     of_outputs,
@@ -34,7 +34,7 @@ from navsim.landing.ensemble import (
     percent,
     to_runway,
 )
-from navsim.landing.error_box import AXES, ErrorBox, box_of, to_first_order, where_limited
+from navsim.landing.error_box import AXES, ErrorBox, box_of, where_limited, write_first_order_box
 from navsim.landing.result_groups import attributes
 from navsim.landing.total_errors import went_around
 from navsim.results.builder import ResultBuilder
@@ -61,7 +61,7 @@ from navsim.simulation.importance_sampling import (
 )
 from navsim.simulation.landing import LOOP_TOLERANCE, fly_inputs
 from navsim.simulation.landing_covariance import analyse
-from navsim.simulation.run_inputs import draw
+from navsim.simulation.run_inputs import draw_inputs
 from navsim.simulation.sensitivity import sensitivity
 from navsim.statistics.importance_sampling import FEW
 
@@ -183,7 +183,7 @@ class RareStudy:
             pushes = PushedRuns(case.flight, tilt, self.seed, self.edge.histories)
             tilts, components = pushes.tilts(runs), pushes.components(runs)
             if self.edge.histories is None and tilt.air is None:
-                inputs, off = shift_inputs(case.flight, tilt, draw(case.flight, self.seed, runs), components)
+                inputs, off = shift_inputs(case.flight, tilt, draw_inputs(case.flight, self.seed, runs), components)
                 flown = fly_inputs(case.flight, inputs, len(runs))
             else:
                 (flown,), off = case.fly_runs(self.seed, begin, len(runs), False, pushes=pushes), pushes.off(runs)
@@ -200,7 +200,7 @@ class RareStudy:
             fixes, outputs = fix_flaws(flown, case.solvable, case.design), output_flaws(flown)
             rows.append(
                 {
-                    "error": judged(case, [self.edge.box.time], flown)[:, 0],
+                    "error": box_errors(case, [self.edge.box.time], flown)[:, 0],
                     "first_order": (mean + off).T[: len(runs)],
                     "log_weight": pushes.log_weights(runs, off)[: len(runs)],
                     "still": still,
@@ -270,7 +270,7 @@ def _share(
     return weighted_share(flown.per_run("log_weight"), outside, most, inside)
 
 
-def narrow(value: np.ndarray, effective: float, share: float) -> bool:
+def is_narrow(value: np.ndarray, effective: float, share: float) -> bool:
     """Whether an interval (3,) is within a fraction of its value on both sides and has at least `FEW` effective
     samples.
 
@@ -284,7 +284,7 @@ _UNTIL = re.compile(r"\s*probability\s+within\s+([0-9.]+)\s*%\s*")
 
 
 def stopping_rule(edge: Callable[[], LimitState], expression: str) -> Until:
-    """`probability within 20%`: true once the 95 % interval is `narrow` by that share. edge: known once runs are.
+    """`probability within 20%`: true once the 95 % interval is `is_narrow` by that share. edge: known once runs are.
     Raises ValueError for anything else."""
     match = _UNTIL.fullmatch(expression)
     if match is None:
@@ -294,7 +294,7 @@ def stopping_rule(edge: Callable[[], LimitState], expression: str) -> Until:
     def judge(flown: Ensemble) -> tuple[bool, str]:
         value, _, effective = probability(edge(), flown)
         words = f"probability {value[0]:.2g} ({value[1]:.2g} to {value[2]:.2g})"
-        return narrow(value, effective, share), words
+        return is_narrow(value, effective, share), words
 
     return Until(judge)
 
@@ -415,7 +415,7 @@ def result(case: Case, edge: LimitState, flown: Ensemble, seed: int) -> Result:
     draft["/rare/error"] = np.where(went_around(flown, edge.box.time)[:, None], np.nan, error)
     draft["/rare/first_order"] = flown.per_run("first_order")
     draft["/rare/log_weight"] = log_weight
-    to_first_order(draft, edge.box, tilt.mean, np.sqrt(np.diagonal(tilt.proposal.covariance)))
+    write_first_order_box(draft, edge.box, tilt.mean, np.sqrt(np.diagonal(tilt.proposal.covariance)))
     if edge.histories is not None:
         _over_histories(draft, edge, flown)
     of_axes = axis_probabilities(edge, flown)

@@ -17,9 +17,9 @@ from navsim.landing.case import MOVING, PERCENTILES, Case, rms_window
 from navsim.landing.consistency import put_consistency, ratios_of_runs, shares_beyond
 from navsim.landing.controlled import controls_of, far_from_first_order, put_controlled
 from navsim.landing.ensemble import GATED, LEVELS, PENALTY_UNSOLVED, UNHEARD, findings
-from navsim.landing.error_box import box_of, counted
+from navsim.landing.error_box import box_of, write_box_counts
 from navsim.landing.fix_states import put_fix_states
-from navsim.landing.result_groups import accuracy, attributes, base, belief
+from navsim.landing.result_groups import attributes, start_result, write_accuracy, write_filter_sigmas
 from navsim.landing.total_errors import put_total_errors, went_around, went_around_at_heights
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import kept
@@ -42,7 +42,7 @@ def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
     keep: `all` also stores measurements and fixes of every run, `errors` the filter's errors, `none` the
     statistics alone.
     """
-    draft = base(case, LANDING)
+    draft = start_result(case, LANDING)
     draft["/run"] = np.arange(ensemble.first_run, ensemble.first_run + ensemble.runs)
     if keep == "all":
         _receiver(draft, case, ensemble)
@@ -51,10 +51,10 @@ def result(case: Case, ensemble: Ensemble, seed: int, *, keep: str) -> Result:
         _filter(draft, case, ensemble, keep)
         _aiding(draft, case, ensemble, keep == "all")
         _watched(draft, case, ensemble)
-    integrity.described(draft, case)
+    integrity.write_levels(draft, case)
     integrity.in_runway_axes(draft, case)
-    integrity.compared(draft, case)
-    integrity.counted(draft, case, ensemble)
+    integrity.write_comparison(draft, case)
+    integrity.write_counts(draft, case, ensemble)
     risk_sampling.sampled_risks(draft, case, seed)
     _summary(draft, case, ensemble)
     put_controlled(draft, case, ensemble)
@@ -199,7 +199,7 @@ def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     def each(mean_squares: np.ndarray) -> np.ndarray:
         return np.stack([rms_interval_of_means(square, ensemble.runs) for square in mean_squares[:, None]])
 
-    accuracy(
+    write_accuracy(
         draft,
         case,
         each(ensemble.mean("mean_square")[: states.SENSORS]),
@@ -208,7 +208,7 @@ def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
         rms_interval(squares[:, 2:3]),
         np.stack([[rms_interval(each[:, [i]] ** 2) for each in landing] for i in range(3)]),
     )
-    belief(draft, *(ensemble.mean(name) for name in ("variance", "rpy_variance", "at_variance")))
+    write_filter_sigmas(draft, *(ensemble.mean(name) for name in ("variance", "rpy_variance", "at_variance")))
     draft["/summary/percentile"] = np.array(PERCENTILES)
     for i, name in enumerate(RUNWAY_AXES):
         draft[f"/summary/at/{name}_run"] = at[:, :, i]
@@ -224,7 +224,7 @@ def _summary(draft: ResultBuilder, case: Case, ensemble: Ensemble) -> None:
     if (box := box_of(case)) is not None:
         errors = ensemble.per_run("at_box")[:, 0]
         left = went_around(ensemble, box.time)
-        counted(draft, box, np.where(left[:, None], np.nan, errors), left)
+        write_box_counts(draft, box, np.where(left[:, None], np.nan, errors), left)
     inside = ensemble.per_run("inside")
     draft["/summary/coverage/level"] = LEVELS
     draft["/summary/coverage/position"] = np.clip([mean_interval(inside[:, k]) for k in range(LEVELS.size)], 0.0, 1.0)

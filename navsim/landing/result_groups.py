@@ -23,7 +23,7 @@ from navsim.trajectory.kinematics import Trajectory
 from navsim.trajectory.recorded import largest
 
 
-def base(case: Case, layout: str) -> ResultBuilder:
+def start_result(case: Case, layout: str) -> ResultBuilder:
     """A draft of a layout of landing's result with the truth, the geometry and their summary."""
     draft = ResultBuilder(
         layout,
@@ -207,7 +207,7 @@ def _statistics(values: np.ndarray) -> np.ndarray:
     return np.array([values.mean(), values.min(), values.max(), *np.percentile(values, [50, 95])])
 
 
-def accuracy(
+def write_accuracy(
     draft: ResultBuilder,
     case: Case,
     rms: np.ndarray,
@@ -232,7 +232,7 @@ def accuracy(
         draft[f"/summary/at/{name}"] = at[i]
 
 
-def belief(draft: ResultBuilder, variance: np.ndarray, rpy: np.ndarray, at: np.ndarray) -> None:
+def write_filter_sigmas(draft: ResultBuilder, variance: np.ndarray, rpy: np.ndarray, at: np.ndarray) -> None:
     """Write the filter sigmas of the errors in the accuracy table.
 
     Mean variances over the last seconds before touchdown: (15,) of the states, (3,) of roll, pitch, yaw; and (h, 3) of

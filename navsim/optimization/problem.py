@@ -39,7 +39,7 @@ from navsim.gnss.events import BEACONS
 from navsim.gnss.signals import SignalScenario
 from navsim.landing.beacons import BeaconGlide
 from navsim.landing.confirmation import Errors, Fly, OfRuns, filter_outputs, fly_case, of_runs
-from navsim.landing.plausibility import implausible
+from navsim.landing.plausibility import plausibility_warnings
 from navsim.landing.preflight import FOLLOW, lone_pseudolite_warning
 from navsim.optimization.costs import Member
 from navsim.optimization.placement import ObjectiveFunction, Rules, RunwayPlane, rules
@@ -366,7 +366,7 @@ def _with_power(
         equal = "all positions of 1 pseudolite are equally good for fixes: " if lone == len(geometry.receiver) else ""
         clock, when = CLOCKS[sources.pseudolites.time_scale], f"at {lone} of {len(geometry.receiver)} epochs"
         warnings.append(equal + lone_pseudolite_warning(clock, when, FOLLOW))
-    warnings += implausible(scenario, trajectory)
+    warnings += plausibility_warnings(scenario, trajectory)
     if scenario.requirements and not study.constraints.requirements:
         warnings.append(
             f"the search ignores the requirements of {study.base}; navsim judges by them only the best placements that "

@@ -20,11 +20,11 @@ from navsim.integrity.observability import possible
 from navsim.landing.integrity import (
     ApproachLimits,
     approach_limits,
+    below_limits,
     glide_of,
     least_limits,
     level_warnings,
     spread_over,
-    within,
 )
 from navsim.landing.study import Case
 from navsim.results.builder import ResultBuilder
@@ -95,7 +95,7 @@ class MonitoredGlide:
         """
         levels, tested = self.levels(sources)
         levels = np.where(np.isfinite(levels), levels, np.inf)
-        return np.array([within(self.requirements, tested).all(axis=1).mean(), *np.median(levels, axis=0)])
+        return np.array([below_limits(self.requirements, tested).all(axis=1).mean(), *np.median(levels, axis=0)])
 
 
 def _of_these(signals: Signals, sources: np.ndarray) -> Signals:

@@ -111,7 +111,7 @@ def followed_errors(sensors: Sequence[AidingSensor], step: float) -> tuple[tuple
     return tuple(sorted(each, key=lambda state: state[0].size < 3))
 
 
-def times_of(sensor: AidingSensor, duration: float, imu_rate: float) -> np.ndarray:
+def measurement_times(sensor: AidingSensor, duration: float, imu_rate: float) -> np.ndarray:
     """Times (m,) at which a sensor measures on a flight of `duration` s: 1 / rate, 2 / rate, ... s, as long as
     measurements arrive up to the last sample of the IMU, whose rate is in Hz."""
     last = np.floor(duration * imu_rate + 1e-9) / imu_rate - sensor.latency
@@ -119,13 +119,13 @@ def times_of(sensor: AidingSensor, duration: float, imu_rate: float) -> np.ndarr
 
 
 def aids_of(sensors: Sequence[AidingSensor], trajectory: Moving, duration: float, imu_rate: float) -> tuple[Aid, ...]:
-    """These sensors on a flight, measuring at their `times_of`. Raises ValueError for two of a kind."""
+    """These sensors on a flight, measuring at their `measurement_times`. Raises ValueError for two of a kind."""
     kinds = [sensor.kind for sensor in sensors]
     if len(set(kinds)) < len(kinds):
         raise ValueError("a table of measurements belongs to one sensor: two of a kind cannot fly together")
     out = []
     for each in sensors:
-        time = times_of(each, duration, imu_rate)
+        time = measurement_times(each, duration, imu_rate)
         sensor = each.on_route(trajectory, time)
         exact = sensor.noise_free(trajectory, time)
         arrival = time + sensor.latency

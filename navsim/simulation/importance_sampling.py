@@ -34,7 +34,7 @@ from navsim.gnss.fix_states import FixStates, StateHistory
 from navsim.simulation.along_truth import along_truth
 from navsim.simulation.dispersed_trajectory import Dispersion
 from navsim.simulation.flight import Flight
-from navsim.simulation.run_inputs import Inputs, draw, draw_states
+from navsim.simulation.run_inputs import Inputs, draw_inputs, draw_states
 from navsim.simulation.sensitivity import Slopes, by_scale, carried, deviations, of_aid, of_states, sensitivity
 from navsim.statistics import normal
 from navsim.statistics.importance_sampling import LEAST
@@ -412,7 +412,7 @@ class PushedRuns:
     def off(self, runs: Sequence[int]) -> np.ndarray:
         """Errors (K, W) of runs to first order, off their means: sums over all that they draw, with its shift."""
         along, ways = self.flight.along_route, self.flight.shared.dispersion
-        inputs = self._stated(runs, draw(along, self.seed, runs))
+        inputs = self._stated(runs, draw_inputs(along, self.seed, runs))
         tilts = self.tilts(runs)
         moved = deviations(along, _shifted(tilts, inputs, self.components(runs)))
         if len(tilts) == 1:

@@ -56,7 +56,7 @@ from navsim.simulation.measurements import (
     stated_fixes,
 )
 from navsim.simulation.run import MonitorOutput, Run
-from navsim.simulation.run_inputs import Inputs, Noise, Pushes, draw
+from navsim.simulation.run_inputs import Inputs, Noise, Pushes, draw_inputs
 from navsim.simulation.shared_truth import SharedTruth
 from navsim.trajectory.dispersion import PathDeviation
 
@@ -178,7 +178,7 @@ def _drawn(
     pushes: Pushes | None,
 ) -> Inputs:  # fmt: skip
     """Inputs of runs, see `draw`, with their pushes."""
-    inputs = draw(flight, seed, runs, departure, noise)
+    inputs = draw_inputs(flight, seed, runs, departure, noise)
     return inputs if pushes is None else pushes.inputs(runs, inputs)
 
 

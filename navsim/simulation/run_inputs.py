@@ -126,7 +126,7 @@ class Noise:
         )
 
 
-def draw(
+def draw_inputs(
     flight: Flight, seed: int, runs: Sequence[int], departure: PathDeviation | None = None, noise: Noise | None = None
 ) -> Inputs:
     """Inputs of at most WIDTH landings, numbered `runs`, of the ensemble of `seed`; further lanes repeat the last one.

@@ -15,7 +15,7 @@ from navsim.environment.sources import environment, glide_epochs
 from navsim.geodesy.earth import in_heading_axes
 from navsim.gnss.pseudolite import Track
 from navsim.gnss.signals import SignalScenario
-from navsim.landing.plausibility import implausible, one_direction
+from navsim.landing.plausibility import one_direction, plausibility_warnings
 from navsim.landing.preflight import on_pavement
 from navsim.landing.requirements import Statement, statements
 from navsim.landing.study import (
@@ -284,14 +284,14 @@ class Plan:
                 f"vary: {moved[0]} changes no output: these are of satellites and pseudolites. Add beacons_vdop or "
                 "other ones of beacons to `outputs`, or use method covariance"
             )
-        return [*warnings, *implausible(scenario, self.trajectory), *fixed, *unused]
+        return [*warnings, *plausibility_warnings(scenario, self.trajectory), *fixed, *unused]
 
     def warnings_of(self, case: Case) -> list[str]:
         """Warnings about the input of a combination that are not the study's."""
         scenario, flown = case.scenario, case.trajectory
         mine = case.warnings
         if self.study.method == "dop":  # geometry alone does not give values that are undefined without a touchdown
-            mine = [*case.sky_warnings, *implausible(scenario, flown), *on_pavement(scenario, flown)]
+            mine = [*case.sky_warnings, *plausibility_warnings(scenario, flown), *on_pavement(scenario, flown)]
         # a lone pseudolite is a separate finding
         told = {*self.warnings, *case.preflight.lone_pseudolite, *one_direction(scenario, flown)}
         return [text for text in mine if text not in told]

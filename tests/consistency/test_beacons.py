@@ -10,12 +10,12 @@ from scipy.stats import chi2
 
 from navsim.compiler.lanes import WIDTH
 from navsim.integrity.monitoring import ALARM, EXCLUDED, QUIET
-from navsim.landing.integrity import level_warnings, tally
+from navsim.landing.integrity import count_epochs, level_warnings
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.results.notes import labelled
 from navsim.runner.executor import threads
 from navsim.simulation.landing import fly_inputs
-from navsim.simulation.run_inputs import draw
+from navsim.simulation.run_inputs import draw_inputs
 from tests.consistency.test_watched_filters import AXES, bank_of, differences
 from tests.consistency.test_watched_filters import weighed as given_to_bank
 from tests.helpers import case, in_brief
@@ -180,7 +180,7 @@ def test_filters_without_a_beacon_watch_the_filter(monkeypatch: pytest.MonkeyPat
     (aid,) = flown.shared.aids
     faults = {k: fault for k, fault in enumerate(flown.flight.expected) if fault.sources[0][0] == "B" and not fault.of}
     assert [fault.name for fault in faults.values()] == ["B1", "B2", "B3", "B4", "B1+B2+B3+B4"]
-    given, inputs = given_to_bank(flown, 78, range(WIDTH), monkeypatch), draw(bare, 78, range(WIDTH))
+    given, inputs = given_to_bank(flown, 78, range(WIDTH), monkeypatch), draw_inputs(bare, 78, range(WIDTH))
     whole, late = fly_inputs(bare, inputs, WIDTH), flown.shared.filter_time[1:] > 20.0
     for k, fault in faults.items():
         out = np.isin(aid.sensor.transmitter_at(aid.time), [int(name[1:]) - 1 for name in fault.sources])
@@ -227,7 +227,7 @@ def test_a_faulty_beacon_is_excluded_and_the_filter_without_it_takes_over() -> N
     flown = case(*watched, NO_SATELLITES[:-1] + step + "]", "filter.gate={probability: 0}")
     (run,) = flown.fly_runs(5, 0, WIDTH, measured=False)
     time, status, names = flown.shared.signals.time, run.monitor_status, [c.name for c in flown.flight.candidates]
-    after, counted = time > 24.0, tally(flown, run)
+    after, counted = time > 24.0, count_epochs(flown, run)
     assert (status[:, time < 20.0] == QUIET).all()
     assert (status[:, after] == EXCLUDED).all()
     assert (run.monitor_excluded[:, after] == names.index("B3")).all()
@@ -235,7 +235,7 @@ def test_a_faulty_beacon_is_excluded_and_the_filter_without_it_takes_over() -> N
     assert (run.watched_error < run.monitor_level)[:, after].all()
     (aid,) = flown.shared.aids
     bare = replace(flown.flight, watching=None, second_order=False)
-    inputs, out = draw(bare, 5, range(WIDTH)), aid.sensor.transmitter_at(aid.time) == 2
+    inputs, out = draw_inputs(bare, 5, range(WIDTH)), aid.sensor.transmitter_at(aid.time) == 2
     other = fly_inputs(bare, replace(inputs, aided=(np.where(out[:, None, None], np.nan, inputs.aided[0]),)), WIDTH)
     for name in ("error", "sigma"):
         np.testing.assert_array_equal(getattr(run, name)[:, 1:][:, after], getattr(other, name)[:, 1:][:, after])

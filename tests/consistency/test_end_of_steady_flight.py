@@ -31,7 +31,7 @@ from navsim.runner.executor import threads
 from navsim.simulation.flight import initial_estimate, initial_state, with_clock
 from navsim.simulation.measurement_tables import measurements, table_of_all_fixes, table_of_ranges
 from navsim.simulation.measurements import receiver_fixes
-from navsim.simulation.run_inputs import draw
+from navsim.simulation.run_inputs import draw_inputs
 from tests.helpers import case, in_brief
 
 SEED = 3821
@@ -43,7 +43,7 @@ class Batch:
 
     def __init__(self, flown: Case, first: int = 0) -> None:
         self.flight = flight = flown.flight
-        self.inputs = draw(flight, SEED, range(first, first + WIDTH))
+        self.inputs = draw_inputs(flight, SEED, range(first, first + WIDTH))
 
     @property
     def tables(self) -> Measurements:

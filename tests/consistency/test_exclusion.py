@@ -174,9 +174,9 @@ def test_both_pseudolites_are_excluded_together() -> None:
     names = [one.name for one in c.flight.candidates]
     assert "PL1 & PL2" not in names
     assert (run.monitor_excluded == names.index("PL1+PL2")).mean() > 0.9
-    found = integrity.outcomes(c)[run.monitor_excluded, np.arange(run.monitor_excluded.size)]
+    found = integrity.exclusion_outcomes(c)[run.monitor_excluded, np.arange(run.monitor_excluded.size)]
     assert set(found[run.monitor_excluded == names.index("PL1+PL2")]) == {integrity.EXCLUSIONS.index("correct")}
-    assert integrity.outcomes(c)[names.index("PL1"), 0] == integrity.EXCLUSIONS.index("wrong")
+    assert integrity.exclusion_outcomes(c)[names.index("PL1"), 0] == integrity.EXCLUSIONS.index("wrong")
 
 
 def test_a_run_does_not_depend_on_its_neighbours() -> None:

@@ -9,12 +9,12 @@ import pytest
 
 from navsim.compiler.lanes import WIDTH
 from navsim.integrity import monitoring
-from navsim.landing.integrity import tally
+from navsim.landing.integrity import count_epochs
 from navsim.landing.study import covariance_analysis, fly_all
 from navsim.runner.executor import threads
 from navsim.simulation.filter_bank import FilterBank
 from navsim.simulation.landing import fly_inputs
-from navsim.simulation.run_inputs import draw
+from navsim.simulation.run_inputs import draw_inputs
 from tests.helpers import case, in_brief
 
 ILS = ("azimuth_station.bends_time_s=3", "dme.bends_m=10", "elevation_station.latency_s=0.1")
@@ -100,10 +100,10 @@ def test_a_faulty_station_is_excluded_and_the_filter_without_it_takes_over(
     assert (run.monitor_status[:, time < 20.0] == monitoring.QUIET).all()
     assert (run.monitor_status[:, after] == monitoring.EXCLUDED).all()
     assert (run.monitor_excluded[:, after] == names.index(station)).all()
-    assert (tally(flown, run)["integrity_exclusions"][:, 1:] == 0).all(), "none but right ones"
+    assert (count_epochs(flown, run)["integrity_exclusions"][:, 1:] == 0).all(), "none but right ones"
     assert (run.watched_error < run.monitor_level)[:, after].all()
     bare = replace(flown.flight, watching=None, second_order=False)
-    inputs = draw(bare, 5, range(WIDTH))
+    inputs = draw_inputs(bare, 5, range(WIDTH))
     aided = tuple(np.full_like(m, np.nan) if aid.sensor.name == station else m
                   for aid, m in zip(flown.shared.aids, inputs.aided, strict=True))  # fmt: skip
     other = fly_inputs(bare, replace(inputs, aided=aided), WIDTH)

@@ -21,7 +21,7 @@ from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef
 from navsim.gnss.interference.horizon import Terrain, behind, loss_behind, ridge, ridge_loss, skyline_elevation
 from navsim.gnss.sky import enu_matrix, unit_vector
 from navsim.landing.case import Case, prepare
-from navsim.landing.result_groups import base
+from navsim.landing.result_groups import start_result
 from navsim.optimization.placement import RunwayPlane
 from navsim.optimization.problem import problem
 from navsim.optimization.scenario import Optimize
@@ -163,7 +163,7 @@ def test_searches_see_the_same(hilly: Case) -> None:
     assert llh[2] == pytest.approx(float(ground(*np.degrees(llh[:2]))) + GEOID + 3.0, abs=0.8)
     assert plane.above_runway(np.array([[-2000.0, -900.0]]))[0, 2] == pytest.approx(llh[2] - 134.0)
 
-    draft = base(hilly, COVARIANCE)
+    draft = start_result(hilly, COVARIANCE)
     azimuth, edge = draft["/geometry/skyline_azimuth"][::30], draft["/geometry/skyline"][::30]
     np.testing.assert_array_equal(edge, skyline_elevation(hilly.environment.terrain, s.antenna[-1], azimuth))
     for off, wanted in ((-2e-5, True), (2e-5, False)):

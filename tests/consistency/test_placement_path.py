@@ -18,7 +18,7 @@ from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.pseudolite import NEAREST, TRACK_STEP, Track
 from navsim.landing.case import world_of
-from navsim.landing.result_groups import base
+from navsim.landing.result_groups import start_result
 from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.optimization import problem as objective
 from navsim.optimization.scenario import Optimize
@@ -432,7 +432,7 @@ def test_placement_path_equals_the_landing(
     world, sites = flown.shared, ecef_from_llh(flown.pseudolites.llh)
     glide = on_glide(flown.scenario, flown.trajectory, world.signals.time)
     expected = of_world(world, glide)
-    outputs = of_result(base(flown, COVARIANCE), int(np.isnan(expected[:, 0]).sum()))
+    outputs = of_result(start_result(flown, COVARIANCE), int(np.isnan(expected[:, 0]).sum()))
     event(f"{len(sites)} pseudolites, {name}, solved: {np.isfinite(expected[:, 0]).any()}")
 
     folder = tmp_path_factory.mktemp("study")

@@ -131,7 +131,7 @@ def test_heavier_noise_is_the_believed_one_wider_here_and_there() -> None:
         np.testing.assert_allclose(ratio[sure], np.where(is_tail, TAIL, CORE)[sure], rtol=1e-5)
         wide += int(is_tail.sum())
     assert within_99(wide, 20 * int(used.sum()), SHARE)
-    together = run_inputs.draw(heavier.flight, 20264, [0, 1, 2]).ranges
+    together = run_inputs.draw_inputs(heavier.flight, 20264, [0, 1, 2]).ranges
     np.testing.assert_array_equal(together[..., 2], measurements.measured(heavier.shared, 20264, 2)[0])
 
 

@@ -16,7 +16,7 @@ from navsim.landing.study import Case, covariance_analysis, covariance_result, f
 from navsim.runner.executor import threads
 from navsim.runner.statistics import share_interval, weighted_share
 from navsim.simulation.importance_sampling import proposal, shift_inputs
-from navsim.simulation.run_inputs import draw
+from navsim.simulation.run_inputs import draw_inputs
 from tests.helpers import case
 
 LINEAR = (
@@ -100,7 +100,7 @@ def test_weights_belong_to_the_pushes() -> None:
     assert weights.max() <= mix.most_weight * (1.0 + 1e-12)
     assert abs(weights.mean() - 1.0) < 4.5 * weights.std() / math.sqrt(drawn.size)
 
-    inputs = draw(flown.flight, 1, range(WIDTH))
+    inputs = draw_inputs(flown.flight, 1, range(WIDTH))
     still = shift_inputs(flown.flight, tilt, inputs, [mix.shares.size - 1] * WIDTH)[1]
     each = [k % mix.shares.size for k in range(WIDTH)]
     moved = shift_inputs(flown.flight, tilt, inputs, each)[1]
@@ -183,13 +183,13 @@ def test_no_run_inside_is_no_certainty() -> None:
 
 def test_a_study_ends_by_the_interval_that_it_prints() -> None:
     """On both sides, and never where nothing is known of what is left."""
-    assert rare_events.narrow(np.array([1e-6, 0.82e-6, 1.2e-6]), 50.0, 0.2)
-    assert not rare_events.narrow(np.array([1e-6, 0.9e-6, 1.21e-6]), 50.0, 0.2)
-    assert not rare_events.narrow(np.array([1e-6, 0.79e-6, 1.1e-6]), 50.0, 0.2)
-    assert not rare_events.narrow(np.array([1e-6, 0.9e-6, 1.1e-6]), 29.0, 0.2)
-    assert not rare_events.narrow(np.array([1.0, 0.0, 1.0]), 32.0, 0.01)
-    assert not rare_events.narrow(np.array([1.0, math.nan, math.nan]), 32.0, 0.5)
-    assert rare_events.narrow(np.array([math.nan, 0.0, 1e-300]), 32.0, 0.01)
+    assert rare_events.is_narrow(np.array([1e-6, 0.82e-6, 1.2e-6]), 50.0, 0.2)
+    assert not rare_events.is_narrow(np.array([1e-6, 0.9e-6, 1.21e-6]), 50.0, 0.2)
+    assert not rare_events.is_narrow(np.array([1e-6, 0.79e-6, 1.1e-6]), 50.0, 0.2)
+    assert not rare_events.is_narrow(np.array([1e-6, 0.9e-6, 1.1e-6]), 29.0, 0.2)
+    assert not rare_events.is_narrow(np.array([1.0, 0.0, 1.0]), 32.0, 0.01)
+    assert not rare_events.is_narrow(np.array([1.0, math.nan, math.nan]), 32.0, 0.5)
+    assert rare_events.is_narrow(np.array([math.nan, 0.0, 1e-300]), 32.0, 0.01)
 
 
 def test_weights_within_a_box_are_bounded() -> None:

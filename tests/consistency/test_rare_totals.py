@@ -14,7 +14,7 @@ from navsim.compiler.lanes import WIDTH
 from navsim.filter.records import OUTPUT
 from navsim.gnss.fix_states import FIXED, FLOAT, SINGLE, WRONG
 from navsim.landing import rare_events
-from navsim.landing.ensemble import at_times, to_runway
+from navsim.landing.ensemble import interpolate_outputs, to_runway
 from navsim.landing.rare_events import LimitState
 from navsim.landing.study import Case, fly_all
 from navsim.landing.total_errors import went_around
@@ -25,7 +25,7 @@ from navsim.simulation.along_truth import along_truth
 from navsim.simulation.importance_sampling import PushedRuns
 from navsim.simulation.landing_covariance import analyse
 from navsim.simulation.measurements import smoothed
-from navsim.simulation.run_inputs import draw
+from navsim.simulation.run_inputs import draw_inputs
 from navsim.statistics.importance_sampling import FEW
 from tests.consistency.test_rare_events import LINEAR
 from tests.helpers import case
@@ -128,7 +128,7 @@ def test_first_order_is_the_flight_forward(guidance: str, coupling: str) -> None
     assert linear is not None
     pushes = PushedRuns(flight, tilt, 3)
     along = flight.along_route
-    inputs = pushes.inputs(runs, draw(along, 3, runs))
+    inputs = pushes.inputs(runs, draw_inputs(along, 3, runs))
     errors = linear.errors(along, inputs, smoothed(along.shared, inputs.ranges, inputs.phases))
     drawn = ways.departure(3, runs, WIDTH, pushes.walks(runs))
     way = ways.commanded(drawn, WIDTH, ways.known(errors) if ways.steered else None)
@@ -136,13 +136,13 @@ def test_first_order_is_the_flight_forward(guidance: str, coupling: str) -> None
     turned = way.at(outputs)[0][:, [1, 0, 2]] * np.array([1.0, 1.0, -1.0])[:, None]
     if not ways.steered:
         turned = turned + to_runway(flown) @ errors[:, :3]
-    off = at_times(flown, [edge.box.time], turned.transpose(2, 0, 1))[:, 0].T
+    off = interpolate_outputs(flown, [edge.box.time], turned.transpose(2, 0, 1))[:, 0].T
     np.testing.assert_allclose(tilt.mean[:, None] + pushes.off(runs), off, atol=1e-3)
     still = PushedRuns(flight, replace(tilt, proposal=replace(tilt.proposal, shifts=0.0 * tilt.proposal.shifts)), 3)
     each = tilt.proposal.shifts[pushes.components(runs)]
     np.testing.assert_allclose(pushes.off(runs) - still.off(runs), tilt.proposal.covariance @ each.T, atol=1e-9)
     assert np.abs(each).max() > 0.0
-    own, route = (draw(f, 3, runs) for f in (flight, along))
+    own, route = (draw_inputs(f, 3, runs) for f in (flight, along))
     assert own.flown is not None
     moved = pushes.inputs(runs, own)
     gain = (moved.dv - own.dv) / own.flown.dv

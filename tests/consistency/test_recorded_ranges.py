@@ -27,7 +27,7 @@ from navsim.runner.executor import threads
 from navsim.scenario.load import read, read_replay
 from navsim.scenario_files.presets import SENSOR_CLASSES
 from navsim.scenario_files.source import InputError
-from navsim.simulation.run_inputs import draw
+from navsim.simulation.run_inputs import draw_inputs
 from navsim.statistics import chi_square
 from navsim.trajectory.kinematics import Motion
 from tests.helpers import case
@@ -56,7 +56,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Written:
     ready = case(*FLIGHT, name="s_turn")
     flown = landing.result(ready, landing.fly_all(ready, SEED, 0, 1, threads(1), keep="all"), SEED, keep="all")
     export(flown, folder / "flight.h5", ["rinex"])
-    inputs, world = draw(ready.flight, SEED, [0]), ready.shared
+    inputs, world = draw_inputs(ready.flight, SEED, [0]), ready.shared
     rates = np.concatenate([inputs.dtheta[..., 0], inputs.dv[..., 0]], axis=1) / np.diff(world.imu_time)[:, None]
     table = np.column_stack([world.imu_time[1:], rates])
     header = "t_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2"

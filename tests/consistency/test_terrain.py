@@ -16,7 +16,7 @@ from navsim.geodesy.horizon import crossings, skyline_elevation
 from navsim.gnss.interference import horizon
 from navsim.gnss.sky import enu_matrix, unit_vector
 from navsim.landing.preflight import through_ridges
-from navsim.landing.result_groups import base
+from navsim.landing.result_groups import start_result
 from navsim.landing.study import Case, covariance_analysis, covariance_result
 from navsim.optimization import problem as objective
 from navsim.optimization.scenario import Optimize
@@ -180,11 +180,13 @@ def unfolded(given: dict[str, Any]) -> dict[str, Any]:
 def test_all_that_plans_sees_it(hilly: Case, result: Result, tmp_path: Path) -> None:
     """Sweeps by geometry and by filters, searches and the planner, against the landing behind the same wall."""
     wanted = filter_outputs(result) | {
-        name: float(base(hilly, COVARIANCE)[f"/summary/dop/{name.removesuffix('_max')}"][2 * name.endswith("_max")])
+        name: float(
+            start_result(hilly, COVARIANCE)[f"/summary/dop/{name.removesuffix('_max')}"][2 * name.endswith("_max")]
+        )
         for name in ("pdop", "hdop", "vdop", "pdop_max")
     }
     plain = field([])
-    free = float(base(plain, COVARIANCE)["/summary/dop/pdop"][0])
+    free = float(start_result(plain, COVARIANCE)["/summary/dop/pdop"][0])
     assert wanted["pdop"] > 1.002 * free
     given = FIELD | {"terrain": [WALL, BANK]}
     vary = json.dumps([{"key": "pseudolites.sites", "values": [[EAST, WEST]]}])

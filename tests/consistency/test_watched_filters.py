@@ -22,7 +22,7 @@ from navsim.simulation import landing as simulation
 from navsim.simulation.filter_bank import LEAST, FilterBank
 from navsim.simulation.flight import Flight
 from navsim.simulation.landing import fly_inputs
-from navsim.simulation.run_inputs import draw
+from navsim.simulation.run_inputs import draw_inputs
 from navsim.statistics import chi_square
 from tests.consistency.test_tight_landings import flown, silence
 from tests.helpers import case, in_brief
@@ -63,7 +63,7 @@ def weighed(c: Case, seed: int, runs: range, patch: pytest.MonkeyPatch) -> tuple
             "statistic",
             lambda _, *given: (asked.append(given), np.zeros((c.shared.signals.time.size, WIDTH)))[1],
         )
-        fly_inputs(c.flight, draw(c.flight, seed, runs), len(runs))
+        fly_inputs(c.flight, draw_inputs(c.flight, seed, runs), len(runs))
     return asked[0]
 
 
@@ -89,7 +89,7 @@ def test_differences_are_those_of_filters_that_are_given_less(
     off, same = [], []
     for first in range(0, 24, WIDTH):
         runs = range(first, first + WIDTH)
-        given, inputs = weighed(c, 78, runs, monkeypatch), draw(bare, 78, runs)
+        given, inputs = weighed(c, 78, runs, monkeypatch), draw_inputs(bare, 78, runs)
         whole = fly_inputs(bare, inputs, WIDTH)
         for k in monitored:
             less = replace(inputs, ranges=np.where(bank.taken[k][None, :, None], np.nan, inputs.ranges))
@@ -239,7 +239,7 @@ def test_who_loses_everything_says_so(coupling: str) -> None:
     lost = c.shared.signals.time >= 40.0
     assert np.all(run.monitor_status[:, lost] == NO_FIX)
     assert np.all(run.monitor_status[:, ~lost] == QUIET)
-    counts = integrity.tally(c, run)
+    counts = integrity.count_epochs(c, run)
     assert np.all(counts["integrity_lost"] == lost.sum())
     assert np.all(counts["integrity_available"] <= (~lost & integrity.glide_of(c)).sum())
     assert not counts["integrity_misled"].any()
@@ -261,7 +261,7 @@ def spread_of(c: Case) -> np.ndarray:
 def test_levels_without_runs() -> None:
     c = case(*SHORT, FILTER, "method=covariance")
     draft = ResultBuilder(COVARIANCE)
-    integrity.described(draft, c)
+    integrity.write_levels(draft, c)
     assert list(draft["/integrity/fault"]) == [fault.name for fault in c.flight.expected]
     assert float(draft["/summary/integrity/level_share"]) == 1.0
 
@@ -364,8 +364,8 @@ def test_availability_without_runs_is_that_of_runs(method: str) -> None:
     asked = integrity.approach_limits(c)
     assert asked is not None
     assert c.flight.monitor is not None
-    by_levels = integrity.within(asked, monitoring.tested_levels(c.flight.monitor)).all(axis=1)[asked.glide].sum()
-    np.testing.assert_array_equal(integrity.tally(c, flown(c, 4))["integrity_available"], by_levels)
+    by_levels = integrity.below_limits(asked, monitoring.tested_levels(c.flight.monitor)).all(axis=1)[asked.glide].sum()
+    np.testing.assert_array_equal(integrity.count_epochs(c, flown(c, 4))["integrity_available"], by_levels)
 
 
 def test_smoothed_ranges_are_refused() -> None:

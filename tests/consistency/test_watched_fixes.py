@@ -189,7 +189,9 @@ def asked(seconds: int, limits: tuple[float, float] = (10.0, 20.0), alert: float
     ],
 )
 def test_regions_of_what_is_no_pair(status: int, level: float, error: float, region: str) -> None:
-    found = integrity.regions(asked(1), np.full((1, 1, 2), level), np.array([[status]]), np.full((1, 1, 2), error))
+    found = integrity.stanford_regions(
+        asked(1), np.full((1, 1, 2), level), np.array([[status]]), np.full((1, 1, 2), error)
+    )
     assert integrity.REGIONS[found[0, 0, 0]] == region
 
 
@@ -207,7 +209,7 @@ def test_regions_of_what_is_no_pair(status: int, level: float, error: float, reg
 )
 def test_misleadingstretches(misled: str, alarm: str, late: int, longest: float) -> None:
     flags = [np.array([c == "1" for c in text]) for text in (misled, alarm)]
-    found = integrity.stretches(asked(10), np.arange(10.0), *flags)
+    found = integrity.missed_alerts(asked(10), np.arange(10.0), *flags)
     np.testing.assert_equal(found, (late, longest))
 
 
@@ -216,7 +218,7 @@ def test_windows_of_continuity() -> None:
     available = np.ones((3, time.size), bool)
     available[1, 10] = False  # at 5 s: all windows that begin before or there
     available[2] = False
-    found = integrity.windows(time, available)
+    found = integrity.continuity_windows(time, available)
     # windows begin at 0 ... 5 s: 11 of them
     np.testing.assert_array_equal(found, [[11, 0], [10, 10], [0, 0]])
 

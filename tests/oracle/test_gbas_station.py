@@ -18,7 +18,7 @@ from navsim.results.result import read
 from navsim.scenario_files.source import InputError
 from navsim.simulation.landing import fly_inputs
 from navsim.simulation.measurements import correlated_errors, generators
-from navsim.simulation.run_inputs import draw
+from navsim.simulation.run_inputs import draw_inputs
 from tests.conftest import Within
 from tests.helpers import SCENARIOS, case
 from tests.layout import as_declared
@@ -112,7 +112,7 @@ def test_drawn_errors_have_the_sizes_of_the_tables() -> None:
 def test_levels_of_runs(within: Within) -> None:
     """H0 and H1 with the drawn B values, and the difference of two smoothings, epoch by epoch."""
     c = served()
-    signals, inputs = c.shared.signals, draw(c.flight, 7, RUNS)
+    signals, inputs = c.shared.signals, draw_inputs(c.flight, 7, RUNS)
     assert inputs.b_values is not None
     assert inputs.phases is not None
     found = fly_inputs(c.flight, inputs, len(RUNS)).station
@@ -158,7 +158,7 @@ def test_a_faulty_reference_receiver() -> None:
     i = int(np.abs(station(c).projection[:, 1].min(axis=0)).argmax())
     name = c.shared.signals.names[i]
     faulty = served(f"events=[{{what: step, sources: [{name}], error_m: 30, at_s: 20, reference_receiver: 2}}]")
-    clean, wrong = draw(c.flight, 3, runs), draw(faulty.flight, 3, runs)
+    clean, wrong = draw_inputs(c.flight, 3, runs), draw_inputs(faulty.flight, 3, runs)
     assert clean.b_values is not None
     assert wrong.b_values is not None
     moved, b = wrong.ranges - clean.ranges, wrong.b_values - clean.b_values

@@ -20,7 +20,7 @@ from navsim.integrity.observability import possible
 from navsim.integrity.residuals import ChiSquareTest, Monitor
 from navsim.integrity.risk import silent
 from navsim.integrity.solution import Correlated, Independent, MonitoredFix, rows_of, solve
-from navsim.landing.integrity import REGIONS, ApproachLimits, regions
+from navsim.landing.integrity import REGIONS, ApproachLimits, stanford_regions
 from navsim.scenario.integrity import OPERATIONS, LimitsSection
 from navsim.statistics import chi_square, normal
 from tests.conftest import DATA, Within
@@ -467,7 +467,7 @@ def test_regions(cases: dict[str, Any]) -> None:
         limit, level, error = (float(point[name]) for name in ("al", "pl", "error"))
         every = np.ones(1, bool)
         asked = ApproachLimits(np.full(2, limit), 1.0, np.zeros(1), every, every)
-        found = regions(asked, np.full((1, 1, 2), level), np.array([[QUIET]]), np.full((1, 1, 2), error))
+        found = stanford_regions(asked, np.full((1, 1, 2), level), np.array([[QUIET]]), np.full((1, 1, 2), error))
         assert REGIONS[found[0, 0, 0]].replace("_", "-") == point["region"]
 
 

@@ -26,7 +26,7 @@ from navsim.landing.study import Case, covariance_analysis
 from navsim.simulation.flight import exact_clock
 from navsim.simulation.measurement_tables import table_of_fixes, table_of_ranges
 from navsim.simulation.measurements import receiver_fixes, without_noise
-from navsim.simulation.run_inputs import draw
+from navsim.simulation.run_inputs import draw_inputs
 from tests.conftest import DATA, Within
 from tests.helpers import case
 
@@ -384,7 +384,7 @@ def test_a_filter_without_a_source_differs_by_the_difference_of_covariances() ->
     )  # fmt: skip
     event = json.dumps([{"what": "silence", "sources": ["R07", "PL1"], "at_s": 0, "until_s": 30}])
     runs, pair = 160, (case(*settings), case(*settings, f"events={event}"))
-    drawn = [draw(one.flight, 3, range(WIDTH)) for one in pair]
+    drawn = [draw_inputs(one.flight, 3, range(WIDTH)) for one in pair]
     heard = np.isfinite(drawn[1].ranges)
     np.testing.assert_array_equal(drawn[0].ranges[heard], drawn[1].ranges[heard])
     errors = [np.concatenate([run.error for run in one.fly_runs(3, 0, runs, False)]) for one in pair]

@@ -14,7 +14,7 @@ from navsim.simulation.first_order import FirstOrder
 from navsim.simulation.landing import fly
 from navsim.simulation.landing_covariance import analyse
 from navsim.simulation.measurements import smoothed
-from navsim.simulation.run_inputs import draw
+from navsim.simulation.run_inputs import draw_inputs
 from navsim.simulation.sensitivity import deviations
 from tests.helpers import case
 from tests.unit.test_sensitivity import CASES, ready
@@ -41,7 +41,7 @@ def errors(flown: Case, seed: int, runs: range) -> np.ndarray:
     first_order, out = flown.first_order, []
     assert first_order is not None
     for first in range(runs.start, runs.stop, WIDTH):
-        inputs = draw(flown.flight, seed, range(first, first + WIDTH))
+        inputs = draw_inputs(flown.flight, seed, range(first, first + WIDTH))
         found = first_order.errors(flown.flight, inputs, smoothed(flown.shared, inputs.ranges, inputs.phases))
         out.append(np.moveaxis(found[:, :3], -1, 0))
     return np.concatenate(out)
@@ -51,7 +51,7 @@ def errors(flown: Case, seed: int, runs: range) -> np.ndarray:
 def test_they_are_the_slopes_times_all_that_is_drawn(name: str) -> None:
     """Forward through the matrices, and backward."""
     flown, _, slopes, at = ready(name)
-    inputs = draw(flown.flight, 5, range(WIDTH))
+    inputs = draw_inputs(flown.flight, 5, range(WIDTH))
     first_order = FirstOrder.of(flown.flight)
     found = first_order.errors(flown.flight, inputs, smoothed(flown.shared, inputs.ranges, inputs.phases))[at, :3]
     mean = first_order.mean[at, :3, None]
@@ -80,7 +80,7 @@ def test_the_filter_makes_these_errors(name: str) -> None:
     run = fly(flown.flight, 3, range(WIDTH), False, flown.first_order)
     left, error = run.error[:, 10:, :3] - run.first_order[:, 10:], run.error[:, 10:, :3]
     assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(error**2))
-    inputs = draw(flown.flight, 3, range(WIDTH))
+    inputs = draw_inputs(flown.flight, 3, range(WIDTH))
     assert flown.first_order is not None
     linear = flown.first_order.errors(flown.flight, inputs, smoothed(flown.shared, inputs.ranges, inputs.phases))
     left, error = run.error[:, 10:, 3:6] - np.moveaxis(linear[10:, 3:], -1, 0), run.error[:, 10:, 3:6]
@@ -117,7 +117,7 @@ def test_an_error_of_one_draw_is_not_lost() -> None:
     """An altimeter's number that is off by 1 m moves the height error by the gain, on the run's own trajectory."""
     flown = case(*ANY["gusts"])
     assert flown.first_order is not None
-    inputs = draw(flown.flight, 1, range(WIDTH))
+    inputs = draw_inputs(flown.flight, 1, range(WIDTH))
     ranges = smoothed(flown.shared, inputs.ranges, inputs.phases)
     off = replace(inputs, aided=tuple(a + 1.0 for a in inputs.aided))
     moved = flown.first_order.errors(flown.flight, off, ranges) - flown.first_order.errors(flown.flight, inputs, ranges)

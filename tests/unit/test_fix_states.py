@@ -18,7 +18,7 @@ from navsim.report.summary_tables import summary_table
 from navsim.runner.executor import threads
 from navsim.scenario_files.source import InputError
 from navsim.simulation.landing import fly
-from navsim.simulation.run_inputs import draw
+from navsim.simulation.run_inputs import draw_inputs
 from tests.conftest import Within
 from tests.helpers import case, scenario
 from tests.layout import as_declared
@@ -105,7 +105,7 @@ def test_forced_states() -> None:
 @pytest.mark.parametrize("further", [(), ("approach.guidance=estimate",)])
 def test_fixes_have_the_errors_of_their_state(further: tuple[str, ...]) -> None:
     one = case(*STATED, *further)
-    stated = draw(one.flight, 1, range(WIDTH)).stated
+    stated = draw_inputs(one.flight, 1, range(WIDTH)).stated
     assert stated is not None
     runs = fly(one.flight, 1, range(1))
     np.testing.assert_array_equal(runs.fix_state[0], stated.state[:, 0])

@@ -17,7 +17,7 @@ from navsim.simulation.flight import Flight
 from navsim.simulation.landing import fly_inputs
 from navsim.simulation.landing_covariance import analyse
 from navsim.simulation.measurements import expected_measurements
-from navsim.simulation.run_inputs import Inputs, draw
+from navsim.simulation.run_inputs import Inputs, draw_inputs
 from navsim.simulation.sensitivity import Slopes, carried, deviations, sensitivity
 from tests.helpers import case, in_brief
 
@@ -100,7 +100,7 @@ def test_a_flight_with_inputs_a_little_off(name: str) -> None:
     gains differ a little from those along the truth."""
     flown, _, slopes, at = ready(name)
     flight = flown.flight
-    drawn = draw(flight, 5, range(WIDTH))
+    drawn = draw_inputs(flight, 5, range(WIDTH))
     exact = without_noise(flight, drawn)
     still = fly_inputs(flight, exact, WIDTH).error[:, at, :3]
     share = 0.01
@@ -149,7 +149,7 @@ def test_the_variance_is_that_of_drawn_inputs(name: str) -> None:
     runs = 2000
     sums = np.empty((len(parts), runs, 3))
     for first in range(0, runs, WIDTH):
-        off = deviations(flown.flight, draw(flown.flight, 9, range(first, first + WIDTH)))
+        off = deviations(flown.flight, draw_inputs(flown.flight, 9, range(first, first + WIDTH)))
         for part, found in zip(parts, sums, strict=True):
             found[first : first + WIDTH] = part.times(off).T
     for kind, variance, found in zip(["all", *kinds], variances, sums, strict=True):
