@@ -50,7 +50,7 @@ class RecordedAid:
     """Missing where fixes are withheld."""
 
 
-def together(aids: list[tuple[RecordedAid, np.ndarray]], missing: list[np.ndarray]) -> VehicleTable | BeaconTable:
+def merge_aids(aids: list[tuple[RecordedAid, np.ndarray]], missing: list[np.ndarray]) -> VehicleTable | BeaconTable:
     """Some measurements (k,) int of each of these aids of one kind, one aid after the other, without the values that
     are missing (k,) bool."""
     table = aids[0][0].table

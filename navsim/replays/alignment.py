@@ -116,7 +116,7 @@ class Search:
     """Measured headings."""
 
 
-def find(samples: Samples, fixes: Fixes, first: float, wanted: Search) -> Alignment | None:
+def find_alignment(samples: Samples, fixes: Fixes, first: float, wanted: Search) -> Alignment | None:
     """The earliest alignment from `first` on (s): at the end of a standstill, else under way; None without one.
 
     Fixes' times are those of validity. Nothing is aligned across an interval without samples that is longer than
@@ -133,7 +133,7 @@ def find(samples: Samples, fixes: Fixes, first: float, wanted: Search) -> Alignm
         later = missing[missing[:, 0] > begin, 0]
         until = float(later[0]) if later.size else np.inf
         search = wanted.longest if wanted.heading is None else LONGEST
-        rest = standstill(samples, fixes, begin, min(begin + search, until), wanted)
+        rest = find_standstill(samples, fixes, begin, min(begin + search, until), wanted)
         if rest is not None and wanted.heading is not None:
             sigma = _bias_sigma(samples, rest, wanted)
             return at_rest(rest, wanted.heading, wanted.heading_sigma, sigma, wanted.accel_sigma)
@@ -141,7 +141,7 @@ def find(samples: Samples, fixes: Fixes, first: float, wanted: Search) -> Alignm
             measured = wanted.headings.at(rest.end)
             level = at_rest(rest, 0.0, UNKNOWN, _bias_sigma(samples, rest, wanted), wanted.accel_sigma)
             if measured is not None:
-                return turned_to(level, wanted.headings, measured)
+                return update_heading(level, wanted.headings, measured)
         if wanted.heading is not None:
             return None
         start, bias, sigma = max(begin, float(fixes.time[0])), np.zeros(3), wanted.gyro_sigma
@@ -165,7 +165,7 @@ def _bias_sigma(samples: Samples, rest: Standstill, wanted: Search) -> float:
     return float(np.hypot(rest.rate_sigma.max() / np.sqrt(count), wanted.gyro_strays))
 
 
-def standstill(samples: Samples, fixes: Fixes, begin: float, end: float, wanted: Search) -> Standstill | None:
+def find_standstill(samples: Samples, fixes: Fixes, begin: float, end: float, wanted: Search) -> Standstill | None:
     """The last `LONGEST` seconds of the first standstill of some length within begin .. end; None without one.
 
     Pieces of `WINDOW` seconds are still if their scatter is small and no fix in them moves. Without fixes inside, the
@@ -236,7 +236,7 @@ def _feels_rest(piece: Samples, wanted: Search) -> bool:
     return bool(slow) and abs(force - _G) < AT_REST * wanted.accel_sigma + _GRAVITY_VARIES
 
 
-def levelled(force: np.ndarray, heading: float) -> np.ndarray:
+def level_attitude(force: np.ndarray, heading: float) -> np.ndarray:
     """C_nb (3, 3) of a body at rest from its mean specific force (3,), and a heading in rad [2]."""
     roll = np.arctan2(-force[1], -force[2])
     pitch = np.arctan2(force[0], np.hypot(force[1], force[2]))
@@ -246,11 +246,11 @@ def levelled(force: np.ndarray, heading: float) -> np.ndarray:
 def at_rest(rest: Standstill, heading: float, heading_sigma: float, gyro_sigma: float, accel_sigma: float) -> Alignment:
     """Levelled at the end of a standstill, with a known heading; rad, rad/s, m/s2 (the accelerometers' biases)."""
     covariance = np.diag([(accel_sigma / _G) ** 2, (accel_sigma / _G) ** 2, heading_sigma**2])
-    quaternion = quaternion_from_dcm(levelled(rest.force, heading))
+    quaternion = quaternion_from_dcm(level_attitude(rest.force, heading))
     return Alignment(rest.end, quaternion, covariance, rest.rate, np.full(3, gyro_sigma), rest.since, rest.end)
 
 
-def axis_later(
+def propagate_axis(
     axis: np.ndarray, samples: Samples, time: float, later: float, gyro_bias: np.ndarray
 ) -> np.ndarray:  # fmt: skip
     """Where an axis (3,) of the body at a time pointed, in the axes of the body at a later one, s, by the gyros."""
@@ -261,7 +261,7 @@ def axis_later(
     return axis
 
 
-def turned_to(found: Alignment, headings: Headings, measured: tuple[float, float, float]) -> Alignment:
+def update_heading(found: Alignment, headings: Headings, measured: tuple[float, float, float]) -> Alignment:
     """An alignment updated with a measured heading, see `Headings.at`, of an axis of the body at the alignment. A
     heading that is not known at all takes the measured one."""
     turn = dcm_from_quaternion(found.quaternion)
@@ -297,7 +297,7 @@ def velocity_matching(
     """
     measured = None if headings is None else headings.at(begin)
     if headings is not None and measured is not None:
-        headings = replace(headings, axis=axis_later(headings.axis, samples, measured[2], begin, gyro_bias))
+        headings = replace(headings, axis=propagate_axis(headings.axis, samples, measured[2], begin, gyro_bias))
     wanted = (fixes.time >= begin) & (fixes.time <= begin + longest) & np.isfinite(fixes.velocity).all(axis=1)
     fixes = fixes.take(wanted)
     time = fixes.time
@@ -335,7 +335,7 @@ def velocity_matching(
         sigma = np.full(3, gyro_sigma)
         found = Alignment(begin, quaternion_from_dcm(turn), covariance, gyro_bias, sigma, begin, until)
         if headings is not None and measured is not None:
-            found = turned_to(found, headings, measured)
+            found = update_heading(found, headings, measured)
         if np.sqrt(np.diag(found.covariance)[0 if measured else 2 :].max()) < heading_sigma:
             return found
     return None

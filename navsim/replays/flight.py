@@ -41,9 +41,9 @@ from navsim.filter.records import (
 from navsim.formats.recorded_data import Ranges
 from navsim.geodesy import earth
 from navsim.geodesy.attitude import dcm_from_quaternion, roll_pitch_yaw
-from navsim.replays.aids import together
+from navsim.replays.aids import merge_aids
 from navsim.replays.alignment import Alignment
-from navsim.replays.flight_tables import noise_of, noise_of_fixes, own_or_usual, start_of, table_of
+from navsim.replays.flight_tables import fix_covariance, noise_of, noise_of_fixes, start_of, table_of
 from navsim.replays.recorded_flight import PartStart, RecordedFlight
 
 CONTRADICTED, LEAST_REJECTED = 0.75, 3
@@ -455,7 +455,7 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float, stops: bool = 
     # over a gap one linearisation is not enough: the filter's attitude is off by tens of degrees there
     gaps = any(within.start <= k < within.stop for k, _ in flight.gaps)
     kind = FILTER_KINDS["map"] if is_smoother(design.kind) and gaps else design.kind
-    noise = design.sigma_scale**2 * own_or_usual(flight.covariance[rows], fix_sigma * flight.weight[rows])
+    noise = design.sigma_scale**2 * fix_covariance(flight.covariance[rows], fix_sigma * flight.weight[rows])
     known = valid if is_smoother(kind) else arrival
     tables: dict[int, FixTable | RangeTable | VehicleTable | BeaconTable] = {}
     scales: tuple[int, ...] = ()
@@ -479,7 +479,7 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float, stops: bool = 
     for which in dict.fromkeys(aid.kind for aid in flight.aids):
         same = [(aid, keep) for aid, keep in zip(flight.aids, aid_rows, strict=True) if aid.kind == which]
         missing = [aid.of_receiver & within_outages(withheld, arrival, aid.time[keep]) for aid, keep in same]
-        tables[which] = together(same, missing)
+        tables[which] = merge_aids(same, missing)
         time = np.concatenate([aid.time[keep] for aid, keep in same])
         of_aids.append((which, time, time))
     epoch = np.nonzero(heard)[0]

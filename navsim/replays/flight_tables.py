@@ -21,7 +21,7 @@ ACCELERATION = 5.0
 """1 sigma of an aircraft's acceleration between a fix and the alignment, m/s2."""
 
 
-def own_or_usual(covariance: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+def fix_covariance(covariance: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Covariance of fixes (m, 6, 6): the receiver's own, nan where it gives none, else by 1 sigma (m, 6)."""
     unknown = np.isnan(covariance)
     usual = sigma[:, :, None] ** 2 * np.eye(sigma.shape[1])

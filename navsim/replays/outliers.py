@@ -155,7 +155,7 @@ class Verdicts:
         return tuple(out)
 
 
-def evaluate(
+def evaluate_fixes(
     time: np.ndarray,
     fixes: TestedFixes,
     possible: np.ndarray,
@@ -271,7 +271,7 @@ def _scatter(found: _Velocities, used: np.ndarray) -> float:
 
 def _test_rates(fixes: TestedFixes, los: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Test the range rates of fixes, whose velocity is put right in place: rates (e, s) that are excluded, fixes (e,)
-    whose velocity is not given. los, rates: as of `evaluate`.
+    whose velocity is not given. los, rates: as of `evaluate_fixes`.
 
     The rate whose residual is largest in its sigma is excluded, one after the other, until the rest agree. No other
     choice may do nearly as well in the end, and as many must be left to test the rest as are excluded.

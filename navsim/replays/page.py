@@ -37,17 +37,17 @@ def _track(results: Sequence[Named]) -> Drawing:
         llh, fixes = result["/filter/position_llh"], result["/receiver/position_llh"]
         which, few = plots.thin(len(llh)), plots.thin(len(fixes))
         thinned.append(which)
-        time, path = which(result["/filter/time"]), np.column_stack([report.local(llh[0], llh), llh[:, 2]])
+        time, path = which(result["/filter/time"]), np.column_stack([report.east_north(llh[0], llh), llh[:, 2]])
         path = np.where(report.after_hole(result, time)[:, None], np.nan, which(path))
         of = plots.source(time=time, height=path[:, 2], **_flat(path))
         dots = plots.source(
-            time=few(result["/receiver/time"]), height=few(fixes[:, 2]), **_flat(few(report.local(llh[0], fixes)))
+            time=few(result["/receiver/time"]), height=few(fixes[:, 2]), **_flat(few(report.east_north(llh[0], fixes)))
         )
         away = report.rejected(result)
         crosses = plots.source(
             time=result["/receiver/time"][away],
             height=fixes[away, 2],
-            **_flat(report.local(llh[0], fixes[away])),
+            **_flat(report.east_north(llh[0], fixes[away])),
         )
         for k, (on, x, y) in enumerate(((plan, "east", "north"), (profile, "time", "height"))):
             on.scatter(x, y, source=crosses, size=8, marker="x", color=plots.colour(3), name="rejected fixes")

@@ -20,7 +20,7 @@ from navsim.ranging.recording import RangeLog
 from navsim.recording_checks.diagnosis import examine
 from navsim.recording_checks.mistakes import Log, Mistake, relative_units
 from navsim.replays.aids import antenna_axis
-from navsim.replays.recorded_ranges import read_messages, read_ranges, together
+from navsim.replays.recorded_ranges import merge_messages, read_messages, read_ranges
 from navsim.replays.scenario import Replay, Sensors
 from navsim.replays.single_point import PositioningOptions
 from navsim.results import files
@@ -129,7 +129,7 @@ def _true_headings(
     lasting = section.error_sigma_deg
     if lasting is None:
         lasting = MAGNETIC_ERROR_DEG if section.source == "magnetic" else 0.0
-    keep = spaced(time, section.spacing_s)
+    keep = thin_times(time, section.spacing_s)
     sigma = np.where(np.isnan(sigma), usual, sigma)
     return Headings(
         time[keep] - section.latency_s, value[keep], sigma[keep], antenna_axis(section), lasting * DEG
@@ -150,7 +150,7 @@ def _declination(scenario: Replay, document: Document, fixes: Fixes) -> float:
         raise InputError([problem]) from None
 
 
-def spaced(times: np.ndarray, spacing: float) -> np.ndarray:
+def thin_times(times: np.ndarray, spacing: float) -> np.ndarray:
     """Times (m,) at least `spacing` seconds after the last one kept (k,)."""
     kept: list[int] = []
     for index, time in enumerate(times):
@@ -267,7 +267,7 @@ def _observed(document: Document, scenario: Replay) -> tuple[_Table, Ranges]:
             message = f"{name}: cannot be read: {error.strerror or error} ({path})"
             raise InputError([Problem(place, f"gnss.navigation[{i}]", message)]) from None
     shift = gnss.time_offset_s - float(gps_from_utc(scenario.epoch.timestamp()))
-    messages = together(several)
+    messages = merge_messages(several)
     options = PositioningOptions(mask=gnss.mask_deg * DEG, troposphere=gnss.atmosphere, most_pdop=_MOST_PDOP)
     fixes, ranges = _read(
         document, scenario, "gnss",

@@ -160,7 +160,7 @@ def increments(samples: Samples, begin: float, longest_gap: float, averaged: boo
     )
 
 
-def coarser(sensed: InertialLog, interval: float) -> InertialLog:
+def sum_intervals(sensed: InertialLog, interval: float) -> InertialLog:
     """The same measurements, summed over so many intervals at a time that these last for `interval`, s, at most.
 
     Intervals of missing samples remain, and the first one.
@@ -204,7 +204,7 @@ def prepare(
     - `velocity_lag`: how much older the velocity of a fix is than its position, s.
     """
     begin = alignment.time
-    early = waiting(latency, velocity_lag)
+    early = fix_delay(latency, velocity_lag)
     late = fixes.time + early
     valid = fixes.time - latency
     end = float(sensed.imu_time[-1]) + TIME_TOLERANCE
@@ -283,6 +283,6 @@ def _among(values: np.ndarray, there: np.ndarray) -> np.ndarray:
     return out
 
 
-def waiting(latency: float, velocity_lag: float) -> float:
+def fix_delay(latency: float, velocity_lag: float) -> float:
     """Time, s, after its stamp at which a fix is complete: one that is stamped too early waits until it is valid."""
     return max(0.0, -latency, -latency - velocity_lag)

@@ -38,7 +38,7 @@ def read_messages(path: Path, lenient: bool, dropped: Dropped, systems: Sequence
     return NavigationMessages(tuple(found.constellations(others)), found.klobuchar)
 
 
-def together(several: list[NavigationMessages]) -> NavigationMessages:
+def merge_messages(several: list[NavigationMessages]) -> NavigationMessages:
     """Messages of several files; the first file with a system counts."""
     each = {one.system.name: one for messages in reversed(several) for one in messages.constellations}
     klobuchar = next((messages.klobuchar for messages in several if messages.klobuchar is not None), None)

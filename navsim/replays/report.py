@@ -193,7 +193,7 @@ def rejected(result: Result) -> np.ndarray:
     return result["/innovations/status"] == REJECTED
 
 
-def local(origin: np.ndarray, llh: np.ndarray) -> np.ndarray:
+def east_north(origin: np.ndarray, llh: np.ndarray) -> np.ndarray:
     """East and north of positions (n, 3) from an origin, m."""
     ned = (earth.ecef_from_llh(llh) - earth.ecef_from_llh(origin)) @ earth.ned_matrix(origin).T
     return ned[:, [1, 0]]
@@ -207,13 +207,13 @@ def _track(result: Result) -> Figure:
     plan, profile = abreast(fig, 2, width_ratios=[3, 2])
     llh, fixes = result["/filter/position_llh"], result["/receiver/position_llh"]
     dots: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2, "color": COLOURS[1], "label": "fixes (antenna)"}
-    plan.plot(*local(llh[0], fixes).T, **dots)
+    plan.plot(*east_north(llh[0], fixes).T, **dots)
     hole = after_hole(result, result["/filter/time"])[:, None]
-    plan.plot(*np.where(hole, np.nan, local(llh[0], llh)).T, color=COLOURS[0], label="estimate (IMU)")
+    plan.plot(*np.where(hole, np.nan, east_north(llh[0], llh)).T, color=COLOURS[0], label="estimate (IMU)")
     away = rejected(result)
     crosses: dict[str, Any] = {"ls": "", "marker": "x", "ms": 4, "color": COLOURS[3], "label": "rejected fixes"}
     if away.any():
-        plan.plot(*local(llh[0], fixes[away]).T, **crosses)
+        plan.plot(*east_north(llh[0], fixes[away]).T, **crosses)
     plan.set_aspect("equal", adjustable="datalim")
     plan.set_xlabel("east, m")
     plan.set_ylabel("north, m")

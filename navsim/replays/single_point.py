@@ -111,7 +111,7 @@ def solve(
 
     with np.errstate(all="ignore"):  # far from the Earth, where a wrong range may put a fix
         fixes, travel, dop = _fixes(measured, settings, np.ones(ranges.shape, dtype=bool))
-        verdicts = outliers.evaluate(observations.time, fixes, possible, solve_rows, of_rates, settings.most_pdop)
+        verdicts = outliers.evaluate_fixes(observations.time, fixes, possible, solve_rows, of_rates, settings.most_pdop)
         changed = np.flatnonzero(verdicts.excluded.any(axis=1))
         if changed.size:
             kept = ~verdicts.excluded[changed]

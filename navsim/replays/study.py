@@ -47,9 +47,9 @@ from navsim.replays.aids import (
     side_slip_blocks,
 )
 from navsim.replays.findings import findings, outage_spans, warn_of_headings, warn_of_outages, warn_of_unflown
-from navsim.replays.flight_tables import own_or_usual
+from navsim.replays.flight_tables import fix_covariance
 from navsim.replays.motion import moving_speed
-from navsim.replays.reading import LEAST_FIXES, LEAST_SAMPLES, ReplayError, read, spaced
+from navsim.replays.reading import LEAST_FIXES, LEAST_SAMPLES, ReplayError, read, thin_times
 from navsim.replays.recorded_flight import InertialLog, KnownStart, RecordedFlight
 from navsim.replays.result_groups import (
     DILUTION,
@@ -181,7 +181,7 @@ class Recording:
             kind=kind,
             sensors=sensors,
             velocity=True,
-            latency=float(latency) + recorded_flight.waiting(float(latency), lag),
+            latency=float(latency) + recorded_flight.fix_delay(float(latency), lag),
             lever_arm=settings[LEVER_ARM],
             sigma_scale=1.0,
             gate=gate_limits(gate.probability),
@@ -281,7 +281,7 @@ class Recording:
         if self.tight:
             sigma = settings[:2]
         else:
-            own = own_or_usual(flight.covariance, self.fix_sigma(settings) * flight.weight)
+            own = fix_covariance(flight.covariance, self.fix_sigma(settings) * flight.weight)
             sigma = np.sqrt(np.diagonal(own, axis1=1, axis2=2))
         limit = float(limits[sigma.shape[-1]])
         counts = 0.5 * limit + np.sum(np.log(sigma), axis=-1)
@@ -290,7 +290,7 @@ class Recording:
     def _realigned(self, time: float) -> aligning.Alignment | None:
         """The next alignment at or after `time`, s, under way or at a standstill; no setting changes it."""
         if time not in self._alignments:
-            self._alignments[time] = aligning.find(self.samples, self.valid_fixes, time, self.search)
+            self._alignments[time] = aligning.find_alignment(self.samples, self.valid_fixes, time, self.search)
         return self._alignments[time]
 
     @cached_property
@@ -312,7 +312,7 @@ class Recording:
     def _coarse(self) -> InertialLog:
         """The increments that a tuning flies hundreds of times: by fewer of them it finds the same within its
         tolerance."""
-        return recorded_flight.coarser(self._sensed, TUNING_INTERVAL)
+        return recorded_flight.sum_intervals(self._sensed, TUNING_INTERVAL)
 
     @cached_property
     def _sensed(self) -> InertialLog:
@@ -328,7 +328,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     samples, fixes, first = _wanted(scenario, document, log.samples, log.fixes)
     fixes = _with_effects(fixes, scenario.gnss.errors)
     if ranges is not None:
-        apart = spaced(ranges.time, scenario.gnss.spacing_s)
+        apart = thin_times(ranges.time, scenario.gnss.spacing_s)
         apart = apart[ranges.time[apart] <= samples.time[-1]]
         ranges = ranges.take(apart)
         fixes = fixes.take(np.isin(fixes.time, ranges.time))
@@ -482,7 +482,7 @@ def _known_start(section: KnownSection) -> KnownStart:
 
 def _align(search: aligning.Search, samples: Samples, fixes: Fixes, first: float) -> aligning.Alignment:
     """Earliest alignment: at the end of a standstill, or under way. Raises ReplayError if there is none."""
-    found = aligning.find(samples, fixes, first, search)
+    found = aligning.find_alignment(samples, fixes, first, search)
     if found is not None:
         return found
     if search.heading is not None:
@@ -545,7 +545,7 @@ def _wanted(scenario: Replay, document: Document, samples: Samples, fixes: Fixes
         late = f"give the state at a time from {s_begin:.12g} s on"
         message = f"{first:.12g} s is before the first sample ({spans}); {late}"
         raise InputError([refused(begins, message)])
-    apart = of_fixes.take(spaced(of_fixes.time, scenario.gnss.spacing_s))
+    apart = of_fixes.take(thin_times(of_fixes.time, scenario.gnss.spacing_s))
     common = int(np.sum(apart.time >= first))
     if common < LEAST_FIXES:
         message = f"{scenario.gnss.spacing_s:g} leaves {several(common, 'fix')}; needed are {LEAST_FIXES} ({spans})"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from navsim.formats.recorded_data import Fixes, Samples
-from navsim.replays.alignment import Search, Standstill, standstill
+from navsim.replays.alignment import Search, Standstill, find_standstill
 from navsim.statistics.allan import fit, spectra
 
 
@@ -13,7 +13,7 @@ def standstills(samples: Samples, fixes: Fixes, wanted: Search) -> list[Standsti
     """All standstills of a recording. Fixes' times are those of validity, all fixes with velocities."""
     out: list[Standstill] = []
     begin, last = float(samples.time[0]), float(samples.time[-1])
-    while (rest := standstill(samples, fixes, begin, last, wanted)) is not None:
+    while (rest := find_standstill(samples, fixes, begin, last, wanted)) is not None:
         out.append(rest)
         begin = rest.end
     return out

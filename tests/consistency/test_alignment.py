@@ -50,7 +50,7 @@ def without(fixes: Fixes, first: float, last: float) -> Fixes:
 
 
 def found(samples: Samples, fixes: Fixes, first: float = 0.5) -> Alignment:
-    out = alignment.find(samples, fixes.earlier(0.1), first, SEARCH)
+    out = alignment.find_alignment(samples, fixes.earlier(0.1), first, SEARCH)
     assert out is not None
     return out
 
@@ -93,7 +93,7 @@ def test_flying_straight_without_fixes_is_no_standstill() -> None:
     for velocities in ("ned", "none"):
         samples, fixes = record(flight, 5, velocities=velocities, gyro_bias=1e-4, accel_bias=0.01)
         lost = without(fixes, 10.0, 40.0)
-        assert alignment.standstill(samples, lost.with_velocity()[0], 5.0, 45.0, SEARCH) is None
+        assert alignment.find_standstill(samples, lost.with_velocity()[0], 5.0, 45.0, SEARCH) is None
 
 
 def test_a_body_that_stands_while_fixes_pause_is_at_rest() -> None:
@@ -113,7 +113,7 @@ def test_the_onset_of_a_slow_motion_is_no_standstill(seed: int) -> None:
     drone = quadrotor()
     samples, fixes = record(drone, seed, fix_rate=5.0, accel_bias=0.01)
     known = replace(SEARCH, heading=0.7, heading_sigma=np.radians(5.0))
-    aligned = alignment.find(samples, fixes.earlier(0.1), 0.5, known)
+    aligned = alignment.find_alignment(samples, fixes.earlier(0.1), 0.5, known)
     assert aligned is not None
     assert 15.0 < aligned.until < 19.0
     assert np.all(np.abs(off(drone, aligned)[:2]) < 1.5)
@@ -203,7 +203,7 @@ def test_a_time_without_motion_to_align_from_is_told() -> None:
                   np.zeros_like)  # fmt: skip
     samples, fixes = record(flight, 9)
     narrow = replace(SEARCH, longest=20.0)
-    here = alignment.find(samples, fixes.earlier(0.1), 0.5, narrow)
+    here = alignment.find_alignment(samples, fixes.earlier(0.1), 0.5, narrow)
     assert here is not None
     assert here.since > 50.0
     assert np.abs(off(flight, here)).max() < 3.0

@@ -12,7 +12,7 @@ from navsim.geodesy.attitude import dcm_from_quaternion, dcm_from_rpy, quaternio
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.replays import study
 from navsim.replays.aids import OwnNoise, pieces_at_rest
-from navsim.replays.alignment import Alignment, axis_later, turned_to
+from navsim.replays.alignment import Alignment, propagate_axis, update_heading
 from navsim.replays.findings import warn_of_headings
 from navsim.replays.flight import within_outages
 from navsim.results.findings import of
@@ -64,14 +64,14 @@ def test_an_update_by_a_heading_is_that_of_bayes() -> None:
     headings = Headings(np.zeros(1), np.zeros(1), np.ones(1), axis, 0.05)
     u = turn @ axis
     at = float(np.arctan2(u[1], u[0]))
-    after = turned_to(found, headings, (at + 0.02, 0.03, 0.0))
+    after = update_heading(found, headings, (at + 0.02, 0.03, 0.0))
     h = np.array([-u[0] * u[2], -u[1] * u[2], 1.0 - u[2] ** 2]) / (1.0 - u[2] ** 2)
     noise = 0.03**2 + 0.05**2
     expected = np.linalg.inv(np.linalg.inv(prior) + np.outer(h, h) / noise)
     np.testing.assert_allclose(after.covariance, expected, rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(after.by_heading, expected @ h / noise, rtol=1e-9)
     unknown = Alignment(0.0, found.quaternion, np.diag([1e-4, 1e-4, 1e4]), np.zeros(3), np.zeros(3), 0.0, 0.0)
-    turned = dcm_from_quaternion(turned_to(unknown, headings, (at + 2.5, 0.03, 0.0)).quaternion) @ axis
+    turned = dcm_from_quaternion(update_heading(unknown, headings, (at + 2.5, 0.03, 0.0)).quaternion) @ axis
     away = np.angle(np.exp(1j * (np.arctan2(turned[1], turned[0]) - at - 2.5)))
     assert abs(away) < 1e-4
 
@@ -91,7 +91,7 @@ def test_a_heading_before_the_start_turns_with_the_body() -> None:
     samples.rate[:] += bias
     before, after = trajectory.motion(np.array([35.0, 36.0])).c_nb
     axis = np.array([0.6, 0.8, 0.0])
-    later = axis_later(axis, samples, 35.0, 36.0, bias)
+    later = propagate_axis(axis, samples, 35.0, 36.0, bias)
     assert np.linalg.norm(before @ axis - after @ axis) > 0.3
     np.testing.assert_allclose(after @ later, before @ axis, atol=2e-4)
 
