@@ -114,7 +114,7 @@ def implementing() -> dict[str, list[str]]:
         for node in walked(tree):
             if isinstance(node, ast.ClassDef) and node.name != Constellation.__name__:
                 own = {part.name for part in node.body if isinstance(part, ast.FunctionDef)}
-                if {"clock", "state", "using_unhealthy"} <= own:
+                if {"clock", "state"} <= own:
                     found.setdefault(node.name, []).append(name)
     return found
 
