@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from navsim.filter import states
 from navsim.formats.conventions import (
@@ -30,6 +29,7 @@ from navsim.formats.conventions import (
     IMU_COLUMNS,
     effects_of,
 )
+from navsim.formats.yaml_text import dump
 from navsim.results.findings import several
 from navsim.results.result import Result, scenario_of
 
@@ -93,7 +93,7 @@ def files(result: Result, imu: Path, fixes: Path, title: str) -> tuple[list[list
         columns += [*FIX_SIGMAS, *FIX_CORRELATIONS, *effects]
         table = np.hstack([table, spread, np.swapaxes(effect, 1, 2).reshape(len(effect), 6 * effect.shape[2])])
     remarks = [f"# The run's filter {text}: its estimates differ from the replay's." for text in differences(result)]
-    log = yaml.safe_dump(_log(result, imu, fixes, title), sort_keys=False, allow_unicode=True)
+    log = dump(_log(result, imu, fixes, title))
     return (
         [[*IMU_COLUMNS], *_cells(np.column_stack(samples))],
         [columns, *_cells(table)],

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+from navsim.formats.yaml_text import dump
 from navsim.kinds import KINDS, OF_FILES, advice, named
 from navsim.scenario_files.base import Section, hint, validated
 from navsim.scenario_files.source import Document, InputError, Problem, Setting, assign, load, set_value
@@ -133,6 +134,4 @@ def base_of(study: OverLandings, document: Document) -> Document:
 
 def resolved_yaml(scenario: Section) -> str:
     """The scenario with every default written out, as YAML that reads back to the same scenario."""
-    import yaml
-
-    return yaml.safe_dump(scenario.model_dump(mode="json", exclude_none=True), sort_keys=False, allow_unicode=True)
+    return dump(scenario.model_dump(mode="json", exclude_none=True))

@@ -14,6 +14,7 @@ from typing import Any
 
 import yaml
 
+from navsim.formats.yaml_text import dump
 from navsim.scenario_files.source import InputError, compose, parse
 
 _BESIDE = 2
@@ -58,7 +59,7 @@ def rewritten(text: str, after: dict[str, Any]) -> Rewritten:
             continue
         if _says(found, after):
             return Rewritten(found, lost)
-    return Rewritten(yaml.safe_dump(after, sort_keys=False, allow_unicode=True), lost=True)
+    return Rewritten(dump(after), lost=True)
 
 
 def _says(text: str, data: Any) -> bool:
@@ -247,5 +248,4 @@ def inline(value: Any) -> str:
         node = compose(value)
         if isinstance(node, yaml.ScalarNode) and node.tag.endswith(":str"):
             return value
-    text: str = yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=float("inf"))
-    return text.removesuffix("\n").removesuffix("\n...")
+    return dump(value, default_flow_style=True, width=float("inf")).removesuffix("\n").removesuffix("\n...")

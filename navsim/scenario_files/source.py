@@ -22,7 +22,8 @@ from typing import Any
 
 import yaml
 
-from navsim.formats.text import MINUS_SIGNS, as_ascii, decoded
+from navsim.formats.text import as_ascii, decoded
+from navsim.formats.yaml_text import resolve_core_schema
 from navsim.results import files
 from navsim.results.former_names import current, renew
 
@@ -208,19 +209,11 @@ class _Loader(yaml.SafeLoader):
 
 
 _INT = "tag:yaml.org,2002:int"
-_SIGN = f"[-+{MINUS_SIGNS}]?"
 _TOO_MANY = f"more than {MOST_NODES:,} keys and values, counting what aliases repeat"
 _TOO_DEEP = f"nested too deeply: mappings and lists more than {MOST_DEPTH} one in another"
 
 
-for _tag, _pattern, _first in (
-    ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
-    ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
-    ("int", rf"{_SIGN}[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+", f"-+{MINUS_SIGNS}0123456789"),
-    ("float", rf"{_SIGN}(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE]{_SIGN}[0-9]+)?", f"-+{MINUS_SIGNS}.0123456789"),
-    ("float", rf"{_SIGN}\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)", f"-+{MINUS_SIGNS}."),
-):
-    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"^(?:{_pattern})$"), list(_first))
+resolve_core_schema(_Loader)
 
 
 def _number(text: str) -> int | float:

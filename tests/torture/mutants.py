@@ -8,13 +8,14 @@ import gzip
 import math
 import os
 import random
-import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
+
+from navsim.formats.yaml_text import dump
 
 NUMBERS = (
     0, -0.0, 1, -1, 3.0, 0.1 + 0.2, 90, 90.0001, 89.9999999, 180, 360, 360.001, 2000, 2001, 3600, 3601, 1e6, 1e12,
@@ -198,20 +199,11 @@ _CHANGES: list[Callable[[_Tree, Place, Place], None]] = [
 ]  # fmt: skip
 
 
-class _Dumper(yaml.SafeDumper):
-    """Quotes texts that YAML 1.2 takes for numbers, though 1.1, which PyYAML knows, does not."""
-
-
-_Dumper.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?[0-9]+(?:\.[0-9]*)?[eE][-+]?[0-9]+$"), list("-+0123456789")
-)
-
-
 def _of_tree(name: str, trees: dict[str, Any], draw: random.Random) -> Mutant:
     tree = _Tree(trees[name], draw, list(trees.values()))
     for _ in range(draw.choice((1, 1, 1, 1, 2, 3))):
         tree.change()
-    text = yaml.dump(tree.data, Dumper=_Dumper, allow_unicode=True, sort_keys=False)
+    text = dump(tree.data)
     for mark, raw in tree.raw.items():
         text = text.replace(mark, raw)
     return Mutant(name, "; ".join(tree.notes), text.encode("utf-8", "surrogatepass"), None if tree.raw else tree.data)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import os
-import random
+from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import pytest
-import yaml
 
-from navsim.scenario.load import read_any
-from navsim.scenario_files import shipped, source
+from navsim.formats.yaml_text import dump
+from navsim.scenario.load import read_any, resolved_yaml
+from navsim.scenario_files import shipped
+from navsim.scenario_files.rewrite import rewritten
 from navsim.scenario_files.source import Document, InputError, assign, load, parse
 from tests.helpers import in_brief
+from tests.torture import mutants
+from tests.torture.trials import sources
 
 LAUGHS = "a0: &a0 [x, x, x, x, x, x, x, x]\n" + "".join(
     f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 8)}]\n" for k in range(1, 9)
@@ -130,63 +132,12 @@ def test_the_folder_of_nobody(tmp_path: Path) -> None:
         document.resolve(("sky", "almanac"), "~nosuchuser/x")
 
 
-# --- mutants, a short form of what is tried for hours
-
-
-WRONG: list[Any] = [
-    None, True, False, 0, -1, 3.0, 1e6, -1e6, 10**30, 2**64, 1e-300, 1e308, "", " ", "x" * 300, "é", "null", "yes",
-    "1e3", "12:30:45", "2018-02-30T00:00:00Z", "0001-01-01T00:00:00Z", "9999-12-31T23:59:59Z",
-    "2016-12-31T23:59:60Z", "~",
-    "~nosuchuser/x", "../x", "/dev/zero", "[/red]", [], {}, [[]], {"a": 1}, [None], [1, 2, 3], "1", [[[[1]]]],
-]  # fmt: skip
-KEYS = ["", " ", "title", "kind", "<<", "=", "a.b", "0", "日本", "__class__", "model_fields", "null", "1"]
-
-
-def nodes(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
-    return [path, *(below for key, value in items for below in nodes(value, (*path, key)))]
-
-
-def at(node: Any, path: tuple[Any, ...]) -> Any:
-    for part in path:
-        node = node[part]
-    return node
-
-
-def mutant(data: Any, others: list[Any], rng: random.Random) -> Any:
-    """The data with one to three things changed, dropped, renamed, grafted or wrapped."""
-    out = yaml.safe_load(yaml.safe_dump(data))
-    for _ in range(rng.choice([1, 1, 1, 2, 3])):
-        places = nodes(out)[1:]
-        if not places:
-            break
-        path = rng.choice(places)
-        parent, last = at(out, path[:-1]), path[-1]
-        way = rng.randrange(6)
-        if way <= 2:
-            parent[last] = rng.choice(WRONG)
-        elif way == 3:
-            other = rng.choice(others)
-            parent[last] = yaml.safe_load(yaml.safe_dump(at(other, rng.choice(nodes(other)))))
-        elif way == 4 and isinstance(parent, dict):
-            parent[rng.choice([*KEYS, str(last)[:-1], f"{last}x"])] = parent.pop(last)
-        elif way == 5 and isinstance(parent[last], list):
-            parent[last] = parent[last] * rng.choice([0, 2, 30])
-        else:
-            parent[last] = [parent[last]]
-    return out
-
-
 @pytest.mark.parametrize("part", in_brief(range(4), 0, 1))
 def test_mutants_are_refused_with_a_place_or_mean_something(part: int, tmp_path: Path) -> None:
     """Never another exception than InputError, and what is accepted reads back as the same scenario."""
-    rng = random.Random(100 + part)
-    texts = {name: source.parse(shipped.text(name), name, tmp_path).data for name in shipped.names()}
-    accepted = refused = 0
-    for _ in range(75):
-        data = mutant(texts[rng.choice(list(texts))], list(texts.values()), rng)
-        path = tmp_path / "s.yaml"
-        path.write_text(yaml.safe_dump(data, allow_unicode=True), encoding="utf-8")
+    path, accepted, refused = tmp_path / mutants.NAME, 0, 0
+    for mutant in islice(mutants.mutants(sources(), 100 + part), 75):
+        path.write_bytes(mutant.text)
         try:
             scenario, _ = read_any(path)
         except InputError as error:
@@ -196,7 +147,17 @@ def test_mutants_are_refused_with_a_place_or_mean_something(part: int, tmp_path:
             continue
         accepted += 1
         dumped = scenario.model_dump(mode="json", exclude_none=True)
-        path.write_text(yaml.safe_dump(dumped, allow_unicode=True), encoding="utf-8")
+        path.write_text(dump(dumped), encoding="utf-8")
         assert read_any(path)[0] == scenario
     assert refused > 20
     assert accepted > 0
+
+
+@pytest.mark.parametrize("title", ["1e3", "0o17", "\u22125", "1e-3", "5", "yes", "~", "1_000", "nan"])
+def test_texts_that_look_like_numbers_stay_texts(title: str, tmp_path: Path) -> None:
+    """In a stored scenario, and in one that the planner changes."""
+    scenario, document = read_any(shipped.path("landing"), [f'title="{title}"'])
+    (tmp_path / "s.yaml").write_text(resolved_yaml(scenario))
+    assert read_any(tmp_path / "s.yaml")[0] == scenario
+    (tmp_path / "t.yaml").write_text(rewritten(shipped.text("landing"), document.data).text)
+    assert read_any(tmp_path / "t.yaml")[0].title == title
