@@ -147,7 +147,11 @@ def read_fixes(
     flat = ~few & (table[:, _ACCURACY.stop :][:, :1] < LEAST_QUALITY).any(axis=1)
     dropped.add(f"fixes of a quality below {LEAST_QUALITY}, which have no height", flat.sum())
     good = ~(few | flat)
-    table = _in_order(path, table[good], None if numbers is None else numbers[good], dropped, "fixes")
+    table, numbers = table[good], None if numbers is None else numbers[good]
+    if numbers is not None:  # a receiver without a fix may have no time either: a step from there on is none
+        began = int(np.argmax(np.any(table[:, 1:4] != table[:1, 1:4], axis=1))) if table.size else 0
+        one_recording(path, table[began:, 0], numbers[began:].tolist())
+    table = _in_order(path, table, None, dropped, "fixes")
     # a receiver without a fix repeats one invented place until its first change of position
     if table.shape[0] > 1:
         moved = np.flatnonzero(np.any(table[:, 1:4] != table[0, 1:4], axis=1))

@@ -48,6 +48,8 @@ OFF_GROUND = 0.5
 """Height at touchdown, m, up to which an aircraft has come down: blends at a corner leave as much."""
 _MISPLACED = 5.0
 """Height of a flight of a file at its touchdown, m, beyond which that is doubted."""
+_TURNED, _SLOW = 20.0, 2.0
+"""Angle between runway and course, deg, that is doubted at more than this speed, m/s."""
 _LOOKS = 200
 """Times at which the heights of such a flight are looked at."""
 FOLLOW = "leave `clock` out, which takes the time scale of the satellites,"
@@ -289,6 +291,24 @@ def lone_pseudolite_warning(clock: str, when: str, instead: str) -> str:
     )
 
 
+def _misplaced(scenario: Landing, trajectory: Moving, touchdown: float) -> list[str]:
+    """Warning where a flight of a file is not on the runway at its touchdown, s, or flies in another direction."""
+    place, velocity = trajectory.path.jet(np.array([touchdown]))[0, :2]  # along the runway, right, down
+    runway, height = scenario.runway, -float(place[2])
+    distance, speed = float(np.hypot(*place[:2])), float(np.hypot(*velocity[:2]))
+    turned = math.degrees(math.atan2(velocity[1], velocity[0]))
+    if runway.threshold is not None and distance > runway.length_m:
+        said = f"{digits(1e-3 * distance, 3)} km from the runway's touchdown point (runway.threshold)"
+    elif abs(height) > _MISPLACED:
+        said = f"{abs(height):.1f} m {'above' if height > 0.0 else 'below'} the runway"
+    elif speed > _SLOW and abs(turned) > _TURNED:
+        towards = f"{(runway.heading_deg + turned) % 360.0:.0f}"
+        said = f"flying towards {towards} deg, runway.heading_deg is {runway.heading_deg:g},"
+    else:
+        return []
+    return [f"approach.touchdown_s: the aircraft is {said} then; figures at touchdown are of there"]
+
+
 def trajectory_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
     """Warnings about the trajectory, and about sections that need no sources of signals."""
     out = scenario.runway.defaulted
@@ -300,11 +320,9 @@ def trajectory_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
             + (", and requirements judge the part of the glide that is flown" if scenario.requirements else "")
         )
     elif isinstance(scenario.approach, FileApproach) and math.isfinite(touchdown):
-        height = -float(trajectory.path.jet(np.array([touchdown]))[0, 0, 2])
-        if abs(height) > _MISPLACED:
-            under = f"{abs(height):.1f} m {'above' if height > 0.0 else 'below'} the runway"
-            out.append(f"approach.touchdown_s: the aircraft is {under} then; figures at touchdown are of there")
-        elif scenario.beacons is not None or scenario.pseudolites.count or scenario.pseudolites.sites:
+        misplaced = _misplaced(scenario, trajectory, touchdown)
+        out += misplaced
+        if not misplaced and (scenario.beacons is not None or scenario.pseudolites.count or scenario.pseudolites.sites):
             out += _never_down(scenario, trajectory, touchdown)
     if abs(off := scenario.runway.misprint_deg) > MISPRINT:
         side = "right" if off > 0.0 else "left"

@@ -184,6 +184,23 @@ def test_a_real_flight(within: Within) -> None:
     assert np.linalg.norm(place) < within["position"]
 
 
+def test_a_runway_that_is_another_one(tmp_path: Path) -> None:
+    """The place and the course of a track at its touchdown are compared with the runway's."""
+    moving, rows = circuit()
+    file, at = table(tmp_path, rows), f"approach.touchdown_s={moving.path.events['touchdown']}"
+    heading = scenario(name="circuit").runway.heading_deg
+
+    def told(*settings: str) -> list[str]:
+        return [text for text in flown(file, at, *settings).warnings if "touchdown_s" in text]
+
+    assert not told(f"runway.heading_deg={heading + 15.0}")
+    for turned in (30.0, 180.0, 300.0):
+        (text,) = told(f"runway.heading_deg={(heading + turned) % 360.0}")
+        assert f"flying towards {heading:.0f} deg, runway.heading_deg is {(heading + turned) % 360.0:g}, then" in text
+    (text,) = told("runway.threshold={lat_deg: 50.0, lon_deg: 37.01}")
+    assert "669 km from the runway's touchdown point (runway.threshold) then" in text
+
+
 def test_a_touchdown_in_the_air(tmp_path: Path) -> None:
     """What a track calls its touchdown is warned of where it is none; heights that it has not come down to are not
     passed; before the flight there is none."""

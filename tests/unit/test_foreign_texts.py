@@ -423,6 +423,18 @@ def test_a_table_of_two_recordings_is_refused(reader: Callable[[Path], object], 
         assert caught.value.line == 2 + len(rows)
 
 
+def test_a_receiver_without_a_fix_may_have_no_time_either(tmp_path: Path) -> None:
+    """Its placeholders at time 0 are no other recording than the fixes at times since 1970."""
+    path = tmp_path / "file"
+    head, *rows = [line.split(",") for line in TABLE.splitlines()]
+    later = [[repr(1.7e9 + float(row[0])), *row[1:]] for row in rows]
+    empty = [[f"0.{k}", "0", "0", "0", "0", "0", "0"] for k in range(3)]
+    path.write_text("\n".join(map(",".join, [head, *empty, *later])))
+    fixes, dropped = read_fixes(path)
+    assert fixes.time[0] == float(later[0][0])
+    assert dropped.counts["placeholders before the first fix"] == 3
+
+
 def test_names_of_columns_that_are_not_ascii(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_text(TABLE)
