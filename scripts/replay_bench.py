@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import sys
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,8 @@ RATE = 100.0
 """Samples a second."""
 DRAWS = 4
 """Drawings of the errors of a flight."""
+UNCLAIMED = (1001, 2)
+"""First seed of the flights whose receivers claim no accuracies, which chose nothing, and drawings of each kind."""
 WITHIN = 1.5
 """Factor by which a tuned number may differ from the drawn one."""
 
@@ -109,13 +111,17 @@ def sensors_of(grade: str) -> dict[str, Triad]:
             for name, section in (("gyro", Gyro), ("accelerometer", Accelerometer))}  # fmt: skip
 
 
-def fly(grade: str, name: str, seed: int) -> dict[str, Any]:
-    """NEES of position, velocity and attitude by axis, rejected fixes, tuned numbers over drawn ones, what was said."""
+def fly(grade: str, name: str, seed: int, claims: bool = True) -> dict[str, Any]:
+    """NEES of position, velocity and attitude by axis, rejected fixes, tuned numbers over drawn ones, what was said.
+
+    claims: whether the receiver claims accuracies.
+    """
     rng = np.random.default_rng(seed)
     kind, _, slow = name.partition(", ")
     trajectory = quadrotor() if slow else circuit()
     rough = 3.0 if slow else 2.0
     samples, fixes, drawn = record(trajectory, grade, RECEIVERS[kind], rng, rough)
+    fixes = fixes if claims else replace(fixes, accuracy=None)
     drawn |= {key: rough * drawn[key] for key in ("gyro", "accelerometer")}
     with tempfile.TemporaryDirectory() as folder:
         settings = ["tuning=likelihood", f"imu.sensor_class={grade}", "alignment.heading_sigma_deg=30"]
@@ -173,6 +179,35 @@ def table() -> list[str]:
         for one, both in zip(near.mean(axis=(0, 1)), (near | told).mean(axis=(0, 1)), strict=True)
     ]
     return [*lines, measured.row("median, total, shares", *cells, "")]
+
+
+def unclaimed() -> list[str]:
+    """Lines of the page on receivers that claim no accuracies: the range over the drawings of a kind."""
+    first, draws = UNCLAIMED
+    columns = ("sensors, receiver", "position", "velocity", "attitude", "rejected")
+    lines = [measured.row(*columns), "|---" * len(columns) + "|"]
+    every = []
+    for number, flight in enumerate(FLIGHTS):
+        seeds = range(first + number, first + number + draws * len(FLIGHTS), len(FLIGHTS))
+        found = [measured.kept(("unclaimed", *flight, s), functools.partial(fly, *flight, s, False)) for s in seeds]
+        nees = np.array([each["nees"] for each in found])
+        rejected = np.sum([each["rejected"] for each in found], axis=0)
+        cells = [" / ".join(f"{x:.2f}" for x in each) for each in nees.T]
+        lines.append(measured.row(", ".join(flight), *cells, f"{rejected[0]} of {rejected[1]}"))
+        every.append((nees, rejected))
+    nees = np.concatenate([each for each, _ in every])
+    rejected = np.sum([each for _, each in every], axis=0)
+    cells = [f"{np.median(each):.2f}; {each.max():.2f}" for each in nees.T]
+    return [
+        "",
+        "## Simulated flights without accuracies",
+        "",
+        f"The flights of the next section, {draws} of each kind, but the receivers claim no accuracies. The table has "
+        "the NEES of each flight.",
+        "",
+        *lines,
+        measured.row("median; largest, total", *cells, f"{rejected[0]} of {rejected[1]}"),
+    ]
 
 
 def section() -> list[str]:

@@ -1,6 +1,6 @@
 """Two real flights against their references; writes docs/replay-measured.md. Needs ../shared/data; run by
-`make validate`, a minute. What is tuned is stored (`measured.kept`). With --bench the page has simulated flights too,
-some minutes more.
+`make validate`, some minutes. What is tuned is stored (`measured.kept`). With --bench all simulated flights are flown
+again, some minutes more.
 """
 
 from __future__ import annotations
@@ -244,6 +244,7 @@ def main() -> int:
           for how, each in zip(("", ", with `side_slip: {}`"), slip, strict=True)),
     ]  # fmt: skip
     lines += SOURCES
+    lines += replay_bench.unclaimed()
     lines += replay_bench.section() if "--bench" in sys.argv else older_bench()
     PAGE.write(lines, begun)
     return 0

@@ -247,7 +247,7 @@ class Gnss(Section):
     untuned 0.3 and 0.3"""
     position_sigma_m: PairOf[Sigma] | None = None
     """1 sigma of positions: horizontal per axis, vertical, of fixes that have none in the table; default 2.5 s times
-    the velocity's, or tuned where fixes have accuracies"""
+    the velocity's, or tuned where fixes have accuracies or errors that last"""
     errors: Annotated[ListOf[FixError], Field(max_length=4)] = ()
     """time-correlated errors of the fixes (satellite orbits, atmosphere), which the filter estimates as states, in
     addition to the noise of each fix; for `coupling: loose`. Left out: from the receiver's accuracies, or tuned

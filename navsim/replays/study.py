@@ -7,7 +7,8 @@ that the innovations of the fixes in motion are most likely:
 - white noise of gyros and of accelerometers, expected within a factor of two of the sensor class's;
 - latency, and that of velocities where another one is clearly likelier;
 - size and correlation time of an error of the positions, where such an error is clearly likelier;
-- white noise of the positions, where the receiver claims accuracies. The rest of a claim is an error that lasts.
+- white noise of the positions, where the receiver claims accuracies. The rest of a claim is an error that lasts;
+- without claims, at last, white noise and lasting error of the positions, unless the gate then rejects more fixes.
 
 Otherwise the noise of positions is 2.5 s times that of velocities. Without vertical velocities, vertical noise equals
 horizontal noise. Fixes closer than 0.45 s share their errors, so the filter uses one of them. Biases are those of the
@@ -69,6 +70,7 @@ from navsim.replays.tuning import (
     ERROR_SIZE,
     ERROR_TIME,
     HEADING_RATIO,
+    LASTING_TIME,
     LATENCY,
     LEVER_ARM,
     POSITION_RATIO,
@@ -92,8 +94,6 @@ from navsim.statistics.rounding import digits
 
 POSITION_TIME = 2.5
 """1 sigma of a position over that of a velocity, s: receivers propagate positions with the velocity."""
-LASTING_TIME = 100.0
-"""Correlation time at which the tuning of an error that the receiver claims starts, s."""
 UNTOLD = "errors of the positions that last for {}: {}. The position's sigma is without them"
 """What a recording does not show, and why."""
 LEAST_LASTING = 0.05
@@ -351,8 +351,9 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     if np.isfinite(claimed[:2]).all():
         ratio = claimed[0] / velocity[0]
     settings = np.array(
-        [*velocity, gyro.noise_density, accel.noise_density, latency, 0.0, ratio, 0.0, 1.0, *gnss.lever_arm_m, 1.0]
-    )
+        [*velocity, gyro.noise_density, accel.noise_density, latency, 0.0, ratio, 0.0, LASTING_TIME,
+         *gnss.lever_arm_m, 1.0]
+    )  # fmt: skip
     aligned_by = latency if gnss.velocity_latency_s is None else gnss.velocity_latency_s
     given_noise = (scenario.imu.gyro.arw_deg_sqrt_h, scenario.imu.accelerometer.vrw_m_s_sqrt_h)
     free = np.zeros(SETTINGS, bool)
@@ -361,7 +362,7 @@ def prepare(scenario: Replay, document: Document) -> Recording:
     free[HEADING_RATIO] = scenario.heading is not None and scenario.heading.sigma_deg is None
     free &= scenario.tuning == "likelihood"
     if free[POSITION_RATIO] and not gnss.errors:
-        settings[[ERROR_SIZE, ERROR_TIME]] = 1.0, LASTING_TIME
+        settings[ERROR_SIZE] = 1.0
         free[[ERROR_SIZE, ERROR_TIME]] = True
     if gnss.navigation is not None:
         free[LATENCY] = False  # observations are stamped with the time they are valid

@@ -37,6 +37,14 @@ GYRO_NOISE, ACCELEROMETER_NOISE, LATENCY, VELOCITY_LAG, POSITION_RATIO, ERROR_SI
 """Numbers of the settings that all filters have, after the two of the noise of fixes or ranges."""
 CLAIMS = ((ERROR_SIZE, 0.3), (ERROR_TIME, 2.0))
 """1 sigma of the logarithms of the true accuracy over the claimed one, and of its correlation time."""
+UNCLAIMED = ((ERROR_TIME, 1.0),)
+"""The same of the correlation time where the receiver claims nothing."""
+LASTING_TIME = 100.0
+"""Correlation time of errors that last, s, before the flight is looked at."""
+WHITE_START, LASTING_START = 1.5, 4.0
+"""White noise of positions over its least, and lasting error over the white noise, where their search starts."""
+NEGLIGIBLE = 0.1
+"""A lasting error below this part of the white noise is left out."""
 STRAYED = 5.0
 """Sigmas of `TRUST` beyond which a tuned noise is no sensor's: an airframe's vibration reaches 4.4 (a factor of 22)."""
 LEVER_ARM, HEADING_RATIO, SETTINGS = np.arange(9, 12), 12, 13
@@ -128,6 +136,9 @@ def tune(recording: Recording, done: Callable[[int], None] = lambda _: None) -> 
             found = search.settle(tried[int(np.argmin(excess))], more)
             if found[1].surprise < now.surprise - LIKELIER:
                 free, (best, now, converged) = more, found
+    lasting = search.lasting(best, now)
+    if lasting is not None:
+        free, best, now, converged = np.union1d(free, lasting[0]), *lasting[1:3], converged and lasting[3]
     tuned = np.isin(np.arange(SETTINGS), free)
     if not recording.has_vertical:
         best[1] = best[0]
@@ -192,12 +203,6 @@ def _of_headings(flight: RecordedFlight, seen: replay.Replayed, moving: np.ndarr
     return out
 
 
-def _expected(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
-    """Settings (k,) that are expected near their start, and 1 sigma (k,) of their logarithms."""
-    pairs = [(GYRO_NOISE, TRUST), (ACCELEROMETER_NOISE, TRUST), *(CLAIMS if recording.claimed else ())]
-    return np.array([i for i, _ in pairs]), np.array([sigma for _, sigma in pairs])
-
-
 def _searched(values: np.ndarray) -> np.ndarray:
     """All settings as they are searched: times in tenths of a second, others as logarithms."""
     plain = TIMES | LENGTHS
@@ -218,6 +223,14 @@ class TuningSearch:
     def __init__(self, recording: Recording, done: Callable[[int], None]) -> None:
         self.recording, self.done = recording, done
         self.flown = 0
+        self.kept: _Evaluation | None = None
+        """The evaluation whose parts and rejected fixes all others keep, in a search without the gate."""
+
+    def _expected(self) -> tuple[np.ndarray, np.ndarray]:
+        """Settings (k,) that are expected near their start, and 1 sigma (k,) of their logarithms."""
+        of_errors = CLAIMS if self.recording.claimed else UNCLAIMED if self.kept is not None else ()
+        pairs = [(GYRO_NOISE, TRUST), (ACCELEROMETER_NOISE, TRUST), *of_errors]
+        return np.array([i for i, _ in pairs]), np.array([sigma for _, sigma in pairs])
 
     def begin(self, free: np.ndarray) -> np.ndarray:
         """Settings at which the search starts."""
@@ -236,7 +249,7 @@ class TuningSearch:
 
     def evaluate(self, values: np.ndarray, judged: bool = True, near: _Evaluation | None = None) -> _Evaluation:
         """Fly some settings; near: an evaluation of almost the same ones, whose parts and rejected fixes are kept."""
-        recording = self.recording
+        recording, near = self.recording, near or self.kept
         self.flown += 1
         self.done(self.flown)
         flight, design = recording.flight(values, coarse=True), recording.design(values, TFG)
@@ -258,7 +271,7 @@ class TuningSearch:
         each = np.vstack([each, *_of_headings(flight, seen, moving)])
         rejected = np.zeros(count, bool)
         rejected[flight.row] = seen.status == REJECTED
-        which, trust = _expected(recording)
+        which, trust = self._expected()
         of_class = 0.5 * float(np.sum((np.log(values[which] / recording.settings[which]) / trust) ** 2))
         total = seen.surprise(moving, recording.of_rejected(recording.settings, flight)) + of_class
         total += float(np.nansum(each[count:, 0]))
@@ -280,6 +293,8 @@ class TuningSearch:
         low[VELOCITY_LAG], high[VELOCITY_LAG] = -WIDEST_LAG, WIDEST_LAG
         low[ERROR_SIZE], high[ERROR_SIZE] = SIZES
         low[ERROR_TIME], high[ERROR_TIME] = CORRELATION_TIMES
+        if not self.recording.claimed:
+            low[POSITION_RATIO] = self.recording.settings[POSITION_RATIO]
         bounds = _searched(low)[free], _searched(high)[free]
         longest = LONGEST_STEPS[free]
         x, damping = _searched(start)[free], 0.0
@@ -322,6 +337,35 @@ class TuningSearch:
                 fine, fresh = True, False
         return self._search_region(x, now, start, free, Bounds(*bounds))
 
+    def lasting(self, best: np.ndarray, now: _Evaluation) -> tuple[np.ndarray, np.ndarray, _Evaluation, bool] | None:
+        """Which settings of the noise of positions are tuned, all settings with them, their evaluation, and whether
+        the search converged; the settings before have the evaluation `now`.
+
+        Without claimed accuracies only the flight shows a lasting error, by how fast it changes: the square of its
+        size over its time. So its time has a prior. The sensors' noise and that of the velocities stay. Receivers
+        that smooth their positions show less white noise than the jumps of their positions need, so it is at least
+        what it was. None where the error is negligible, or where the gate then rejects more fixes.
+        """
+        recording = self.recording
+        if recording.claimed or recording.tight or recording.scenario.gnss.errors or recording.fixes.has_own_noise:
+            return None
+        free, start = np.array([ERROR_SIZE, ERROR_TIME]), best.copy()
+        start[free] = LASTING_START, LASTING_TIME
+        if recording.scenario.gnss.position_sigma_m is None:
+            free = np.append(free, POSITION_RATIO)
+            start[POSITION_RATIO] *= WHITE_START
+        self.kept = now
+        found, _, converged = self.settle(start, np.sort(free))
+        self.kept = None
+        if found[ERROR_SIZE] < NEGLIGIBLE:
+            return None
+        again = self.evaluate(found)
+        if again.rejected.sum() > now.rejected.sum() + GOOD_REJECTED * now.rejected.size:
+            return None
+        if np.isclose(found[POSITION_RATIO], recording.settings[POSITION_RATIO]):
+            free = free[:2]
+        return free, found, again, converged
+
     def _search_region(
         self, x: np.ndarray, now: _Evaluation, start: np.ndarray, free: np.ndarray, bounds: Bounds
     ) -> tuple[np.ndarray, _Evaluation, bool]:
@@ -354,7 +398,7 @@ class TuningSearch:
         """First and expected second derivatives (k,), (k, k) of the negative log-likelihood by the free settings, by
         forward or by central differences."""
         moved = [self.evaluate(_settings(x + each, start, free), near=now) for each in np.diag(steps)]
-        which, trust = _expected(self.recording)
+        which, trust = self._expected()
         expected = np.zeros(SETTINGS)
         expected[which] = trust**-2
         information = now.information(moved, steps) + np.diag(VAGUE + expected[free])

@@ -191,6 +191,45 @@ def test_lasting_errors_are_as_large_as_the_receiver_claims(tmp_path: Path) -> N
     assert abs(float(result["/tuning/latency"]) - 0.1) < 4.0 * float(shown[1])
 
 
+@pytest.mark.parametrize("seed", in_brief([3101, 3102, 3103], 0))
+def test_lasting_errors_without_claims_are_in_the_sigma(seed: int, tmp_path: Path) -> None:
+    """Positions wander by 1.2 m over 120 s, with white noise of six times the velocities' per second, and the receiver
+    claims nothing: the NEES of position is near 1."""
+    samples, fixes = record(circuit(), seed, position_noise=0.0, velocity_noise=0.05)
+    rng, count = np.random.default_rng(seed), fixes.time.size
+    off, keep = 1.2 * rng.standard_normal((count, 3)), np.exp(-1.0 / 120.0)
+    for k in range(1, count):
+        off[k] = keep * off[k - 1] + np.sqrt(1.0 - keep**2) * off[k]
+    moved = (off + 0.3 * rng.standard_normal((count, 3))) * [1.0, 1.0, 1.5]
+    ecef = ecef_from_llh(fixes.llh) + np.einsum("nji,nj->ni", ned_matrix(fixes.llh), moved)
+    given = ("gnss.velocity_sigma_m_s=[0.05, 0.05]", "gnss.latency_s=0.1", "imu.accelerometer.vrw_m_s_sqrt_h=0.5")
+    log = write_recording(tmp_path, samples, replace(fixes, llh=llh_from_ecef(ecef)))
+    result = flown(log, "tuning=likelihood", *given)
+    truth = circuit().motion(np.arange(1.0, 171.0, 0.05))
+    off = errors(result, (truth.time, truth.llh, truth.velocity_ned, truth.rpy))[0]
+    z = (off / result["/filter/sigma"][:, :3])[result["/filter/time"] > 30.0]
+    assert 0.1 < np.mean(z**2) < 4.0
+    assert 0.2 < float(result["/tuning/position_sigma_horizontal"]) < 0.45
+    assert 30.0 < float(result["/tuning/position_error_time"]) < 300.0
+
+
+def test_lasting_errors_that_reject_more_fixes_are_left_out(tmp_path: Path) -> None:
+    """A smoothing receiver's positions jump: what fits all others best would reject those."""
+    recording = replay.prepare(*read_replay(write_recording(tmp_path, *record(circuit(), 1))))
+
+    class Strict(TuningSearch):
+        def evaluate(self, values: np.ndarray, judged: bool = True, near: Any = None) -> Any:
+            found = super().evaluate(values, judged, near)
+            return found if self.kept is not None else replace(found, rejected=found.rejected | (found.cost > most))
+
+    most = np.inf
+    search = Strict(recording, lambda _: None)
+    now = search.evaluate(recording.settings)
+    assert search.lasting(recording.settings, now) is not None
+    most = -np.inf
+    assert search.lasting(recording.settings, now) is None
+
+
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
