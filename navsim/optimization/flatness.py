@@ -154,4 +154,4 @@ def visible_share(problem: PlacementProblem, s: np.ndarray, l1: np.ndarray) -> n
     places = np.stack(np.meshgrid(s, l1, indexing="ij"), axis=-1).reshape(-1, 2)
     if problem.coordinates == 3:
         places = np.column_stack([places, np.full(len(places), problem.limits()[0][2])])
-    return problem.geometry.seen(problem.rules.plane.ecef(places)).reshape(s.size, l1.size)
+    return problem.geometry.visible_share(problem.rules.plane.ecef(places)).reshape(s.size, l1.size)

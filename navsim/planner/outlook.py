@@ -146,7 +146,8 @@ class Outlook:
             return lambda places: (
                 1.0
                 - np.mean(
-                    [self.geometry.seen(self._proposal.sites(places[:, k])) for k in range(places.shape[1])], axis=0
+                    [self.geometry.visible_share(self._proposal.sites(places[:, k])) for k in range(places.shape[1])],
+                    axis=0,
                 )
             )
         if self.placed or (self._sources.sight_placed and QUANTITIES[name].level):

@@ -98,7 +98,7 @@ class Geometry:
         """1 sigma of fixes in space, horizontal, vertical, m ("SKO"), from the weighted covariance."""
         return self._statistics(self.weighted, self.pseudolite_weighted, sites, workers)
 
-    def seen(self, sites: np.ndarray) -> np.ndarray:
+    def visible_share(self, sites: np.ndarray) -> np.ndarray:
         """Share of the epochs (p,) at which the antenna sees a source at places (p, 3), ECEF, m: over the horizon, and
         not behind terrain."""
         far = horizon_distance(llh_from_ecef(sites)[:, 2] - self.ground)

@@ -155,7 +155,7 @@ def test_searches_see_the_same(hilly: Case) -> None:
     assert not lost.any()
     count = hilly.behind_terrain()[:, -2:].sum(axis=0)
     assert 0 < count.min() < s.time.size
-    np.testing.assert_allclose(geometry.seen(places), 1.0 - count / s.time.size)
+    np.testing.assert_allclose(geometry.visible_share(places), 1.0 - count / s.time.size)
 
     plane = RunwayPlane(landing.threshold(hilly.trajectory.frame), 0.0, 3.0, hilly.environment.terrain)
     llh = plane.llh(np.array([[-2000.0, -900.0]]))[0]

@@ -310,14 +310,6 @@ def test_rubbish_is_refused(name: str, data: bytes, tmp_path: Path) -> None:
     attempt_both(name, path)
 
 
-@pytest.mark.parametrize("cut", [1, 37, 500, 5000])
-def test_packed_files_cut_short_are_refused(cut: int, tmp_path: Path) -> None:
-    path = tmp_path / "file.gz"
-    path.write_bytes(gzip.compress(nav_text().encode())[:-cut] if cut < 1000 else gzip.compress(b"x" * cut)[:20])
-    with pytest.raises(FileError):
-        read_nav(path)
-
-
 @pytest.mark.parametrize("pack", [gzip.compress, bz2.compress, zipped])
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(harm=st.lists(damage(), min_size=1, max_size=2))
@@ -331,23 +323,6 @@ def test_a_damaged_packed_file_is_read_or_refused(
     path.write_bytes(data)
     attempt(read_obs, path)
     attempt(functools.partial(read_obs, lenient=True), path)
-
-
-def test_hatanaka_is_undone(tmp_path: Path) -> None:
-    import hatanaka
-
-    plain, packed = tmp_path / "r.obs", tmp_path / "r.crx.gz"
-    plain.write_text(obs_text())
-    packed.write_bytes(gzip.compress(hatanaka.rnx2crx(obs_text()).encode()))
-    a, b = read_obs(plain), read_obs(packed)
-    np.testing.assert_array_equal(a.time, b.time)
-    assert a.values.keys() == b.values.keys() > set()
-    for code in a.values:
-        np.testing.assert_array_equal(a.values[code], b.values[code])
-    data = gzip.decompress(packed.read_bytes())
-    broken = tmp_path / "broken.crx"
-    broken.write_bytes(data[: len(data) * 2 // 3])
-    attempt(read_obs, broken)
 
 
 REAL = {
