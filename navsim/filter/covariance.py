@@ -408,6 +408,21 @@ def transport(p, diagonal, column, first, work):
 
 
 @kernel
+def transported(p, diagonal, column, first, work, out):
+    """`transport` of a P that does not change: the lower half of out (n, n) <- that of G P G'."""
+    n, still, moved = p.shape[0], 3 * first, 3 * diagonal.shape[0]
+    _apply_blocks(diagonal, column, p, first, n, 0, work)
+    _apply_blocks(diagonal, column, work, first, moved, 1, out)
+    for i in range(n):
+        for j in range(min(i + 1, still)):
+            out[i, j] = work[j, i] if still <= i < moved else p[i, j]
+        for j in range(still, moved if i >= moved else still):
+            out[i, j] = work[i, j]
+        for j in range(moved, i + 1):
+            out[i, j] = p[i, j]
+
+
+@kernel
 def _apply_blocks(diagonal, column, p, first, last, half, out):
     """out[j, i] <- (G p)[i, j] of the states i that change, for the columns j below `last`; see `transport`.
 

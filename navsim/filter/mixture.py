@@ -11,7 +11,7 @@ from navsim.compiler.jit import kernel, kernel_internal
 from navsim.compiler.lanes import alloc, any_lane, no, small_matrix, small_vector, where
 from navsim.compiler.linear import copy, copy_matrix, invert3
 from navsim.filter import tfg
-from navsim.filter.covariance import transport
+from navsim.filter.covariance import transported
 from navsim.filter.eskf import between
 from navsim.filter.left_invariant import turned
 from navsim.filter.records import Mixture
@@ -261,8 +261,7 @@ def moments(mixture, nav, p, flat, space, mixture_work):
         copy(nav, other)
         tfg.feed_back(other, x, space)
         _invert_blocks(space.diagonal, space.column, first)
-        copy_matrix(mixture.covariance[j], square)
-        transport(square, space.diagonal, space.column, first, space.turned)
+        transported(mixture.covariance[j], space.diagonal, space.column, first, space.turned, square)
         for a in range(n):
             for b in range(a + 1):
                 p[a, b] = where(there, p[a, b] + weight[j] * (square[a, b] + x[a] * x[b]), p[a, b])

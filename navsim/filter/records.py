@@ -298,6 +298,17 @@ def empty_history(outputs: int, events: int, n: int, *lanes: int) -> History:
     )  # fmt: skip
 
 
+_LINE = 8
+"""Numbers in a line of the processor's cache."""
+
+
+def aligned_zeros(*shape: int) -> np.ndarray:
+    """Zeros of this shape for lanes that a kernel often reads: each register lies in one line of the cache."""
+    whole = np.zeros(math.prod(shape) + _LINE)
+    first = -(whole.ctypes.data // whole.itemsize) % _LINE
+    return whole[first : first + math.prod(shape)].reshape(shape)
+
+
 def start(navigation: np.ndarray, covariance: np.ndarray, components: int = 0, sources: int = 0) -> State:
     """Initial state of a filter, from copies of navigation (NAV,) and covariance (n, n).
 
@@ -307,7 +318,7 @@ def start(navigation: np.ndarray, covariance: np.ndarray, components: int = 0, s
     lanes = navigation.shape[1:]
     whole = np.zeros((states.NAV_SENSORS + n - states.SENSORS, *lanes))
     whole[: navigation.shape[0]] = navigation
-    mixture = Mixture(*(np.zeros((components, *shape, *lanes)) for shape in (whole.shape[:1], (n, n), (6,), ())))
+    mixture = Mixture(*(aligned_zeros(components, *shape, *lanes) for shape in (whole.shape[:1], (n, n), (6,), ())))
     mixture.navigation[:1], mixture.covariance[:1], mixture.weight[:1] = whole, covariance, 1.0
     rejected, steady, shift = (np.zeros((size, *lanes)) for size in (KIND_COUNT + sources, STEADY_N, SHIFT_N))
     return State(whole, covariance.copy(), rejected, steady, shift, mixture)

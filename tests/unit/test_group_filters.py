@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from navsim.filter import eskf, evaluation, filter_loop, left_invariant, records, smoother, states, tfg
+from navsim.filter import covariance, eskf, evaluation, filter_loop, left_invariant, records, smoother, states, tfg
 from navsim.filter.estimate import FILTER_KINDS
 from navsim.filter.strapdown import MID_N
 from navsim.geodesy import attitude_kernels as attitude
@@ -22,6 +22,36 @@ HELD = slice(states.NAV_BIAS_FRAME, states.NAV_SENSORS)
 FIRST = states.NAV_SENSORS
 FIXED = "tfg, fixed axes of gyro biases"
 """The chart of a component in straight flight."""
+
+
+def test_every_register_of_aligned_zeros_lies_in_one_line_of_the_cache() -> None:
+    for shape in ((), (1, 8), (3, 15, 15, 8), (32, 15, 15, 8)):
+        lanes = records.aligned_zeros(*shape)
+        assert lanes.shape == shape
+        assert lanes.flags.c_contiguous
+        assert lanes.ctypes.data % 64 == 0
+        np.testing.assert_array_equal(lanes, np.zeros(shape))
+
+
+@pytest.mark.parametrize("first", [0, 1, 2])
+def test_a_transported_covariance_is_that_of_the_whole_matrix(first: int) -> None:
+    """Blocks before the first, and states after the last, do not change."""
+    rng = np.random.default_rng(41)
+    n, blocks = N + 2, N // 3
+    root, diagonal, column = (rng.normal(size=shape) for shape in ((n, n), (blocks, 3, 3), (blocks, 3, 3)))
+    p = root @ root.T
+    column[states.ATT // 3] = 0.0
+    whole = np.eye(n)
+    for block in range(first, blocks):
+        own = slice(3 * block, 3 * block + 3)
+        whole[own, states.ATT : states.ATT + 3] = column[block]
+        whole[own, own] = diagonal[block]
+    expected, before, out = whole @ p @ whole.T, p.copy(), np.full((n, n), np.nan)
+    covariance.transported(p, diagonal, column, first, np.empty((n, N)), out)
+    np.testing.assert_array_equal(p, before)
+    np.testing.assert_allclose(np.tril(out), np.tril(expected), rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+    covariance.transport(p, diagonal, column, first, np.empty((n, N)))
+    np.testing.assert_array_equal(np.tril(out), np.tril(p))
 
 
 def start(kind: str = "tfg") -> np.ndarray:
