@@ -149,6 +149,24 @@ class FixStates:
         seen = history.state[history.at(time - self.flag_delay)]
         return np.where(seen == WRONG, FIXED, seen)
 
+    def rejected(self, history: StateHistory, time: np.ndarray, most: int) -> np.ndarray:
+        """Which fixes (e,) at times (e,), s, a gate rejects if wrong ones are far off; it accepts one after `most`.
+
+        The filter is far off from a change of a wrong state on, until it takes a fix that is fixed or wrong.
+        """
+        place, out = history.at(time), np.zeros(time.size, bool)
+        wrong, taken = history.state[place] == WRONG, np.isin(history.state[place], (FIXED, WRONG))
+        away, row = False, 0
+        for i in range(1, time.size):
+            if wrong[i] != wrong[i - 1]:
+                away, row = True, 0
+            if not away:
+                continue
+            out[i] = row < most
+            away = bool(out[i]) or not taken[i]
+            row = row + 1 if out[i] else 0
+        return out
+
     def white(self, history: StateHistory, time: np.ndarray) -> np.ndarray:
         """(e, 6) 1 sigma of the white noise of position and velocity, NED, at times (e,), s."""
         return np.asarray(self.noise[history.state[history.at(time)]][:, [0, 0, 1, 2, 2, 2]])

@@ -67,24 +67,25 @@ def along_design(flight: Flight, without: Sequence[bool] | np.ndarray) -> AlongT
     return _along(flight, np.where(missing[:sources], np.nan, ranges), rates, aided, noisy=False)
 
 
-def along_truth(flight: Flight, flags: np.ndarray | None = None) -> AlongTruth:
+def along_truth(flight: Flight, flags: np.ndarray | None = None, rejected: np.ndarray | None = None) -> AlongTruth:
     """Fly the filter of a flight along the truth, without noise.
 
     flags: (e,) of fixes that have a state, which then are exact; their errors are "ranges" and "rates" of the result.
+    rejected: (e,) bool, fixes that the filter does without; None for none.
     """
-    own = None if flags is None else _flagged(flight, flags)
+    own = None if flags is None else _flagged(flight, flags, False if rejected is None else rejected)
     return _along(flight, *without_noise(flight.shared), [aid.exact for aid in flight.shared.aids], own=own)
 
 
-def _flagged(flight: Flight, flags: np.ndarray) -> FixTable:
-    """Exact fixes with these flags (e,), as the filter takes them."""
+def _flagged(flight: Flight, flags: np.ndarray, rejected: np.ndarray | bool) -> FixTable:
+    """Exact fixes with these flags (e,), as the filter takes them, without rejected ones (e,)."""
     of_lanes = np.repeat(flags[:, None], WIDTH, axis=1)
     none, sigma = np.zeros((flags.size, 6, WIDTH)), flight.design.flag_sigma
     assert sigma is not None
     stated = StatedFixes(of_lanes, of_lanes, none, none)
     solved = receiver_fixes(flight.shared, *map(in_all_lanes, without_noise(flight.shared)))
     llh, velocity, _, covariance = stated_fixes(flight.shared, solved, stated, sigma, None)
-    unused = stated.unused(sigma)[:, None]
+    unused = stated.unused(sigma)[:, None] | np.reshape(rejected, (-1, 1, 1))
     place, speed = (np.where(unused, np.nan, m)[..., 0] for m in (llh, velocity))
     return table_of_fixes(flight.design, place, speed, covariance[..., 0])
 

@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from navsim.compiler.lanes import WIDTH
-from navsim.gnss.fix_states import FixStates, StateHistory
+from navsim.gnss.fix_states import FIXED, FixStates, StateHistory
 from navsim.simulation.along_truth import along_truth
 from navsim.simulation.dispersed_trajectory import Dispersion
 from navsim.simulation.flight import Flight
@@ -58,6 +58,8 @@ _LASTED = (0.0, 2.0)
 """How long it has lasted then at least, in mean times of the state."""
 _TRIALS, _FITS = 4, 3
 """Histories of each kind that decide how many runs get it, and the iterations that this takes."""
+_FAR = 5.0
+"""Limits of the box in sigmas of a fix, from which on a gate rejects the fixes after errors that reach them."""
 _KEPT = 16
 """Slopes that are kept for other histories with the same flags."""
 
@@ -222,7 +224,14 @@ class ShiftsByHistory:
     air: AirShifts | None
     """See `ProposalShifts`."""
     kept: dict[bytes, tuple[Slopes, Slopes]] = field(default_factory=dict)
-    """Slopes and shifts by the sigmas of the fixes in the filter, which alone change with a history."""
+    """Slopes and shifts by the sigmas of the fixes in the filter and by rejections, which alone change with a
+    history."""
+
+    @property
+    def narrowest(self) -> float:
+        """Smallest error on the faces of the box."""
+        faces = np.abs([self.lower, self.upper])
+        return float(faces[np.isfinite(faces)].min())
 
     @property
     def model(self) -> FixStates:
@@ -233,10 +242,13 @@ class ShiftsByHistory:
     def of(self, history: StateHistory) -> ProposalShifts:
         """Those of a history."""
         shared = self.flight.shared
-        flags = self.model.flags(history, shared.signals.time)
-        assert self.flight.design.flag_sigma is not None
-        if (key := self.flight.design.flag_sigma[flags].tobytes()) not in self.kept:
-            slopes = sensitivity(self.flight, along_truth(self.flight, flags), self.weights)
+        flags, sigma = self.model.flags(history, shared.signals.time), self.flight.design.flag_sigma
+        assert sigma is not None
+        rejected = np.zeros(flags.size, bool)
+        if self.narrowest > _FAR * np.nanmax(sigma[FIXED]) and np.isfinite(self.flight.design.gate).any():
+            rejected = self.model.rejected(history, shared.signals.time, self.flight.design.max_rejected)
+        if (key := sigma[flags].tobytes() + rejected.tobytes()) not in self.kept:
+            slopes = sensitivity(self.flight, along_truth(self.flight, flags, rejected), self.weights)
             while len(self.kept) >= _KEPT:
                 self.kept.pop(next(iter(self.kept)), None)
             self.kept[key] = slopes, carried(self.flight, slopes, history)

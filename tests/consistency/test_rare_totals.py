@@ -252,6 +252,18 @@ def test_fixes_that_have_a_state(settings: tuple[str, ...], runs: int, counted: 
         assert abs(count - found) < 3.0 * math.hypot(relative * found, math.sqrt(count / counted))
 
 
+def test_a_gate_holds_a_filter_to_a_wrong_fix() -> None:
+    """The mean error to first order, of a wrong fix that ended 3 s before the box, is that of plain runs: later fixes
+    are rejected."""
+    forced = "receiver.fix_states={forced: [{state: wrong, at_s: 35, until_s: 57, error_ned_m: [0, 0, 4]}]}"
+    settings = forced, "initial_errors.attitude_deg=1", *STATED[1:]
+    stated, plain = (case(f"box={{{LIMITS}}}", f"method={m}", *settings) for m in ("rare", "monte-carlo"))
+    mean = rare_events.prepare(stated).tilt.mean[2]
+    flown = fly_all(plain, 7, 0, 3 * WIDTH, threads(1), keep="none").per_run("at_box")[:, 0, 2]
+    assert mean == pytest.approx(float(np.median(flown)), abs=0.15)
+    assert abs(mean) > 3.0
+
+
 ALARMS = "approach.go_around={on_alarm: true, delay_s: 1}", "integrity={method: chi2, p_fa: 4e-3}"
 
 

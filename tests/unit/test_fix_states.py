@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from navsim.compiler.lanes import WIDTH
 from navsim.filter.records import NOT_USED, USED
 from navsim.geodesy.earth import llh_from_ecef
-from navsim.gnss.fix_states import DIFFERENTIAL, FIXED, FLOAT, SINGLE, WRONG, FixStates, ForcedState
+from navsim.gnss.fix_states import DIFFERENTIAL, FIXED, FLOAT, SINGLE, WRONG, FixStates, ForcedState, StateHistory
 from navsim.landing.result import result as summarised
 from navsim.landing.study import fly_all
 from navsim.report.summary_tables import summary_table
@@ -84,6 +84,15 @@ def test_what_a_receiver_reports() -> None:
     for number in (FIXED, FLOAT):
         here = state[:, 0] == number
         assert np.std(error[here, 2, 0] - lasting[here]) == pytest.approx(found.noise[number, 1], rel=0.1)
+
+
+def test_what_a_gate_rejects_after_a_wrong_fix() -> None:
+    """Three fixes at each change; one after them takes the filter there, unless it is a float one, which has little
+    weight. Without a wrong state nothing is rejected."""
+    begins, states = np.array([0.0, 2.0, 10.0, 20.0]), np.array([FIXED, WRONG, FLOAT, FIXED])
+    found = chain().rejected(StateHistory(begins, states), np.arange(26.0), 3)
+    assert np.flatnonzero(found).tolist() == [2, 3, 4, 10, 11, 12, 14, 15, 16, 18, 19, 20]
+    assert not chain().rejected(StateHistory(begins, np.array([FIXED, SINGLE, FLOAT, FIXED])), begins, 3).any()
 
 
 def test_forced_states() -> None:
