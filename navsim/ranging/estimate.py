@@ -13,6 +13,7 @@ Sources:
 - [3] Berndt, Hall, Hall & Hausman, Annals of Economic and Social Measurement 3 (1974), with Marquardt's damping.
 - [4] Bell & Cathey, The iterated Kalman filter update as a Gauss-Newton method, IEEE TAC 38 (1993); Kaess, Ranganathan
   & Dellaert, iSAM: incremental smoothing and mapping, IEEE Trans. Robotics 24 (2008).
+- [5] Dempster, Laird & Rubin, J. Royal Statistical Society B 39 (1977), with Laplace's approximation.
 """
 
 from __future__ import annotations
@@ -23,7 +24,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from navsim.ranging.filter import DistanceLines, RangeHistory, filter_ranges, smooth_mean, smooth_ranges
-from navsim.ranging.model import RECEIVER, SETTINGS, RangeModel
+from navsim.ranging.model import (
+    BY_SOURCE,
+    FACTOR_BOUNDS,
+    RECEIVER,
+    SETTINGS,
+    SPREAD_DEGREES,
+    USUAL_SPREAD,
+    RangeModel,
+)
 
 NO_LINES = DistanceLines(np.empty((0, 3)), np.empty(0), np.empty(0))
 """The filter linearises about its own prediction."""
@@ -232,15 +241,51 @@ def relinearise(
     return Smoothed(state, covariance, lines, filtered, moved, model.covariance(settings, start.sigma))
 
 
+@dataclass(frozen=True)
+class _Unknowns:
+    """Unknowns of the tuning: names (k,), bounds (k,) of their logarithms, and which (g, s) are the factors of each
+    setting that differs by source."""
+
+    names: tuple[str, ...]
+    low: np.ndarray
+    high: np.ndarray
+    factors: dict[str, np.ndarray]
+
+    def precision(self, settings: dict[str, float]) -> np.ndarray:
+        """Precision (k,) of the prior of the logarithms, which are 0 by it."""
+        out = np.zeros(len(self.names))
+        for name, which in self.factors.items():
+            out[which] = settings[BY_SOURCE[name]] ** -2.0
+        return out
+
+    def spreads(self, x: np.ndarray, curvature: np.ndarray) -> dict[str, float]:
+        """Most likely spread of each setting that differs by source, given the mean x (k,) and the inverse covariance
+        (k, k) of the logarithms: a step of expectation and maximisation [5]."""
+        out, variance = {}, np.diagonal(np.linalg.inv(curvature))
+        for name, which in self.factors.items():
+            squares = SPREAD_DEGREES * USUAL_SPREAD**2 + float(np.sum(x[which] ** 2 + variance[which]))
+            out[BY_SOURCE[name]] = (squares / (SPREAD_DEGREES + which.size)) ** 0.5
+        return out
+
+
+def _unknowns(model: RangeModel) -> _Unknowns:
+    names, bounds, factors = list(model.free), [(SETTINGS[name].low, SETTINGS[name].high) for name in model.free], {}
+    for name in model.by_source:
+        factors[name] = len(names) + np.arange(len(model.factors(name)))
+        names += model.factors(name)
+        bounds += [FACTOR_BOUNDS] * factors[name].size
+    low, high = np.log(bounds).T
+    return _Unknowns(tuple(names), low, high, factors)
+
+
 def tune(
     model: RangeModel, settings: dict[str, float], start: StartState, lines: DistanceLines, done: Callable[[], None]
 ) -> dict[str, float]:
     """Settings with the free ones most likely, by the method of Berndt, Hall, Hall and Hausman [3] over logarithms."""
-    free = model.free
+    unknown = _unknowns(model)
+    free, low, high = unknown.names, unknown.low, unknown.high
     if not free:
         return settings
-    low, high = (np.log([getattr(SETTINGS[name], end) for name in free]) for end in ("low", "high"))
-
     none = allocate_history(0, model.size)
 
     def surprise(x: np.ndarray) -> np.ndarray:
@@ -253,7 +298,10 @@ def tune(
     for _ in range(_MOST_STEPS):
         inward = np.where(x + _STEP > high, -_STEP, _STEP)
         slopes = np.column_stack([(surprise(x + e) - here) / e.sum() for e in np.diag(inward)])
-        downhill, curvature = -slopes.sum(axis=0), slopes.T @ slopes + 1e-6 * np.eye(x.size)
+        curvature = slopes.T @ slopes + 1e-6 * np.eye(x.size)
+        settings = settings | unknown.spreads(x, curvature + np.diag(unknown.precision(settings)))
+        prior = unknown.precision(settings)
+        downhill, curvature = -slopes.sum(axis=0) - prior * x, curvature + np.diag(prior)
         gain = -np.inf
         while damping < _MOST_DAMPING:
             held = ((x <= low) & (downhill < 0.0)) | ((x >= high) & (downhill > 0.0))
@@ -262,7 +310,7 @@ def tune(
             step[move] = np.linalg.solve(damped[np.ix_(move, move)], downhill[move])
             to = np.clip(x + np.clip(step, -1.5, 1.5), low, high)
             there = surprise(to)
-            gain = float((here - there).sum())
+            gain = float((here - there).sum() + 0.5 * np.sum(prior * (x**2 - to**2)))
             if gain > 0.0:
                 x, here, damping = to, there, max(0.2 * damping, 1e-4)
                 break

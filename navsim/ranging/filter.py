@@ -54,7 +54,8 @@ class Dynamics(NamedTuple):
 
 
 class RangeNoise(NamedTuple):
-    """Noise of a range: shares (k,), means (k,) and standard deviations (k,) of its Gaussians, the usual one first."""
+    """Noise of a range: shares (k,), means (k,) and standard deviations by source (s, k) of its Gaussians, the usual
+    one first."""
 
     share: np.ndarray
     mean: np.ndarray
@@ -299,7 +300,7 @@ def filter_ranges(data, dynamics, noise, lines, x, p, out, innovation, variance,
     change = np.empty((5, max(3, dynamics.markov_time.shape[0])))
     q = np.empty((n, n))
     kinds = noise.share.shape[0]
-    likelihood = np.empty(kinds)
+    likelihood, sigma = np.empty(kinds), np.empty(kinds)
     for k in range(data.time.shape[0]):
         dt = data.time[k] - data.time[k - 1] if k > 0 else 0.0
         if dt > 0.0:
@@ -338,7 +339,8 @@ def filter_ranges(data, dynamics, noise, lines, x, p, out, innovation, variance,
             spread += row[i] * gain[i]
         largest = -np.inf
         for c in range(kinds):
-            s = spread + (noise.sigma[c] * data.scale[k]) ** 2
+            sigma[c] = noise.sigma[data.source[k], c]
+            s = spread + (sigma[c] * data.scale[k]) ** 2
             e = residual - noise.mean[c]
             likelihood[c] = -np.inf
             if noise.share[c] > 0.0:
@@ -351,14 +353,14 @@ def filter_ranges(data, dynamics, noise, lines, x, p, out, innovation, variance,
         surprise[k] = -largest - np.log(whole)
         pull, shrink, square = 0.0, 0.0, 0.0
         for c in range(kinds):
-            s = spread + (noise.sigma[c] * data.scale[k]) ** 2
+            s = spread + (sigma[c] * data.scale[k]) ** 2
             e = (residual - noise.mean[c]) / s
             share = likelihood[c] / whole
             pull += share * e
             shrink += share / s
             square += share * e * e
         shrink -= square - pull * pull
-        innovation[k], variance[k] = residual, spread + (noise.sigma[0] * data.scale[k]) ** 2
+        innovation[k], variance[k] = residual, spread + (sigma[0] * data.scale[k]) ** 2
         weight[k] = likelihood[0] / whole
         for i in range(n):
             x[i] += gain[i] * pull

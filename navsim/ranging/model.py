@@ -11,7 +11,12 @@ time-correlated errors: a fast and a slow one for each source, one for all range
 A receiver of continuous signals smooths its pseudoranges by its loops or by the carrier: their wandering error w_i
 appears as u_i, without steps. An acceleration fades with a correlation time (Singer 1970).
 
-Source: Brown & Hwang, Introduction to Random Signals and Applied Kalman Filtering, on clocks of two states.
+The white noise and the wandering error of a source have a common sigma times a factor of the source. The logarithm of
+this factor is normal, so that a source with few ranges keeps nearly the common sigma [1].
+
+Sources: Brown & Hwang, Introduction to Random Signals and Applied Kalman Filtering, on clocks of two states.
+
+- [1] Gelman et al., Bayesian Data Analysis (2013), chapter 5, on hierarchical models.
 """
 
 from __future__ import annotations
@@ -69,6 +74,12 @@ SETTINGS = {
 """Noise settings, and between which bounds they are tuned."""
 _START_ONE_WAY = {"range_sigma": 0.5, "wander_sigma": 0.3, "wander_time": 5.0, "vertical_noise": 0.02}
 """Where the tuning starts for pseudoranges, where that is elsewhere."""
+BY_SOURCE = {"range_sigma": "range_spread", "wander_sigma": "wander_spread"}
+"""Settings that may differ by source, and the name of their spread: 1 sigma of the logarithm of a source's factor."""
+FACTOR_BOUNDS = (0.05, 20.0)
+"""Between which a source's factor is tuned."""
+USUAL_SPREAD, SPREAD_DEGREES = 0.3, 4.0
+"""Prior of a spread: a scaled inverse chi-square distribution about this value, with these degrees of freedom [1]."""
 CLOCK_SETTINGS = ("source_phase", "source_frequency", "receiver_phase", "receiver_frequency")
 
 
@@ -122,9 +133,26 @@ class RangeModel:
         names = self.log.sources.names
         return len(names) if f"smoothed error {names[0]}" in self.names else 0
 
+    @property
+    def by_source(self) -> tuple[str, ...]:
+        """Names of the settings that differ by source."""
+        differ = self.scenario.tuning == "likelihood" and self.scenario.ranges.noise == "by_source"
+        return tuple(name for name in BY_SOURCE if differ and name not in self.given)
+
+    def factors(self, name: str) -> tuple[str, ...]:
+        """Names of the factors (s,) by source of a setting."""
+        return tuple(f"{name} {source}" for source in self.log.sources.names)
+
+    def of_sources(self, settings: dict[str, float], name: str) -> np.ndarray:
+        """Values (s,) by source of a setting, not below its bound."""
+        factors = np.array([settings.get(factor, 1.0) for factor in self.factors(name)])
+        return np.maximum(settings[name] * factors, min(settings[name], SETTINGS[name].low))
+
     def settings(self) -> dict[str, float]:
         """Settings where the tuning starts, those given as they are."""
         start = {name: one.start for name, one in SETTINGS.items()} | ({} if self.has_no_clock else _START_ONE_WAY)
+        for name in self.by_source:
+            start |= dict.fromkeys(self.factors(name), 1.0) | {BY_SOURCE[name]: USUAL_SPREAD}
         return start | self.given
 
     def dynamics(self, settings: dict[str, float]) -> Dynamics:
@@ -138,9 +166,10 @@ class RangeModel:
             noise += own[self.datum]
         wandering = self.size - self.first_markov - self.smoothed
         place, common = self.scenario.bias.place, self.scenario.bias.common
-        time, sigma = np.full(wandering, settings["wander_time"]), np.full(wandering, settings["wander_sigma"])
+        time, sigma = np.full(wandering, settings["wander_time"]), np.empty(wandering)
+        count = len(self.log.sources.names)
+        sigma[:count] = self.of_sources(settings, "wander_sigma")
         if self.has_no_clock:
-            count = len(self.log.sources.names)
             time[count:], sigma[count:] = place.correlation_time_s, place.sigma_m
             time[-1], sigma[-1] = common.correlation_time_s, common.sigma_m
         return Dynamics(
@@ -151,11 +180,11 @@ class RangeModel:
     def noise(self, settings: dict[str, float]) -> RangeNoise:
         """Noise of a range."""
         share, long = settings["outlier_share"], settings["long_share"]
-        usual, far = settings["range_sigma"], settings["long_mean"]
+        usual, far = self.of_sources(settings, "range_sigma"), settings["long_mean"]
         return RangeNoise(
             np.array([1.0 - share - long, share, long]),
             np.array([0.0, 0.0, far]),
-            np.array([usual, float(np.hypot(usual, settings["outlier_sigma"])), float(np.hypot(usual, far))]),
+            np.column_stack([usual, np.hypot(usual, settings["outlier_sigma"]), np.hypot(usual, far)]),
         )
 
     def covariance(self, settings: dict[str, float], position_sigma: Sequence[float]) -> np.ndarray:

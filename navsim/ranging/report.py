@@ -26,19 +26,20 @@ def _sources(result: Result) -> Table:
     smoothed = "/smoother/position" in result
     table = Table(
         f"Ranges by source (residuals of the {'smoother' if smoothed else 'filter'})",
-        ("source", "ranges", "outliers", "residual RMS, m", "NIS", "lag-1 of innovations"),
+        ("source", "ranges", "outliers", "range sigma, m", "wander, m", "residual RMS, m", "NIS", "lag-1"),
         notes="outliers: ranges with probably more than the usual noise; the other columns omit them",
     )
     for i, name in enumerate(result["/source"]):
         counts = [cell("{}", int(result[f"/summary/{what}"][i])) for what in ("ranges", "outliers")]
+        sigmas = [number(result[f"/noise/source_{what}_sigma"][i], 3) for what in ("range", "wander")]
         statistics = [
             number(result[f"/summary/{what}"][i], digits)
             for what, digits in (("residual_rms", 3), ("nis", 2), ("lag1", 2))
         ]
-        table.add(str(name), *counts, *statistics)
+        table.add(str(name), *counts, *sigmas, *statistics)
     table.add(
         "all", cell("{}", int(result["/summary/ranges"].sum())), cell("{}", int(result["/summary/outliers"].sum())),
-        number(float(result["/summary/residual_rms_all"]), 3), number(float(result["/summary/nis_all"]), 2), "",
+        "", "", number(float(result["/summary/residual_rms_all"]), 3), number(float(result["/summary/nis_all"]), 2), "",
     )  # fmt: skip
     return table
 

@@ -63,6 +63,8 @@ class RangesSection(Section):
     and one for the receiver"""
     sigma_m: Sigma | None = None
     """1 sigma of the white noise of a range; left out: tuned. A column sigma_m says how it differs by range"""
+    noise: Literal["by_source", "common"] = "by_source"
+    """whether tuned sigmas of white noise and wander differ by source, or are common to all"""
 
     @model_validator(mode="after")
     def _known(self) -> Self:

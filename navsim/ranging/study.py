@@ -18,7 +18,7 @@ from navsim.ranging.evaluation import (
     source_statistics,
     unobserved_states,
 )
-from navsim.ranging.model import SETTINGS, RangeModel, build_model
+from navsim.ranging.model import BY_SOURCE, SETTINGS, RangeModel, build_model
 from navsim.ranging.recording import RangeLog, ReferenceTrack, read_log, read_reference
 from navsim.ranging.scenario import RecordedRanges
 from navsim.ranging.start import AS_LIKELY, find_start, mirror_solution
@@ -158,10 +158,14 @@ def _tuned(out: ResultBuilder, model: RangeModel, settings: dict[str, float]) ->
     """The noise settings, and which of them are at a bound."""
     tuned = model.free if model.scenario.tuning == "likelihood" else ()
     used = [name for name in SETTINGS if name in model.free or name in model.given]
-    out["/noise/setting"] = np.array(used, dtype=object)
-    out["/noise/value"] = np.array([settings[name] for name in used])
-    out["/noise/units"] = np.array([_units(name, model.order) for name in used], dtype=object)
-    out["/noise/tuned"] = np.array([int(name in tuned) for name in used])
+    spreads = [BY_SOURCE[name] for name in model.by_source]
+    out["/noise/setting"] = np.array([*used, *spreads], dtype=object)
+    out["/noise/value"] = np.array([settings[name] for name in (*used, *spreads)])
+    units = [*(_units(name, model.order) for name in used), *("1" for _ in spreads)]
+    out["/noise/units"] = np.array(units, dtype=object)
+    out["/noise/tuned"] = np.array([int(name in tuned or name in spreads) for name in (*used, *spreads)])
+    for name in BY_SOURCE:
+        out[f"/noise/source_{name}"] = model.of_sources(settings, name)
     at_bound = [
         f"{name.replace('_', ' ')} {bound:g} {_units(name, model.order)}"
         for name in tuned

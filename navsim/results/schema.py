@@ -1126,6 +1126,8 @@ _RANGES = Chapter(
         _a("/noise/value", "setting", "1", "their values, in the units of /noise/units", RANGES),
         _a("/noise/units", "setting", "1", "units of these values", RANGES, TEXT),
         _a("/noise/tuned", "setting", "1", "1 where the value is tuned, 0 where the file gives it", RANGES, WHOLE),
+        _a("/noise/source_range_sigma", "source", "m", "1 sigma of the white noise by source", RANGES),
+        _a("/noise/source_wander_sigma", "source", "m", "1 sigma of the wandering error by source", RANGES),
         _a("/states/state", "state", "1", "names of the states", RANGES, TEXT),
         _a("/states/units", "state", "1", "units of the states", RANGES, TEXT),
         _a("/states/value", "state", "1", "states at the end, nan where the ranges do not show them", RANGES),
