@@ -49,6 +49,7 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "long_m: 2, outlier_share: 0.01, outlier_sigma_m: 5, bandwidth_mhz: 0.5, noise_figure_db: 5, "
             "clock: {}, air: {truth_refractivity_n: 340, correction: refractivity, corrected_refractivity_n: 315, "
             "refractivity_sigma_n: 45}}",
+            "filter.beacons.refractivity_sigma_n=30",
             "azimuth_station={preset: mls, beyond_m: 3000, half_width_m: 300, off_s: [[10, 20]], faults: [{at_s: 40, "
             "until_s: 60, rate_m_s: 0.5}]}",
             "elevation_station={preset: mls, faults: [{at_s: 40, until_s: 60, error_deg: 0.3}]}",
@@ -104,7 +105,8 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "imu.gyro={drift_deg_h: 700, noise_deg_h: 30, bias_instability_deg_h: 8}",
             "pseudolites.clock_noise={h0: 2e-22, h_minus2: 1.5e-25}", "pseudolites.clock_age_s=60",
             "filter.pseudolites={survey_sigma_m: 0.2, range_bias_sigma_m: 0.3, clock_sigma_ns: 5, "
-            "clock_drift_sigma_ppb: 1, clock_noise: {h0: 4e-22, h_minus2: 3e-25}}",
+            "clock_drift_sigma_ppb: 1, refractivity_sigma_n: 30, clock_noise: {h0: 4e-22, h_minus2: 3e-25}}",
+            "pseudolites.air={correction: refractivity, refractivity_sigma_n: 45}",
             "terrain=[{ends: [{lat_deg: 56.0035, lon_deg: 37.005}, {lat_deg: 56.016, lon_deg: 37.006}], height_m: 35}, "
             "{azimuth_deg: [350, 10], elevation_deg: 3, distance_m: 2000}, "
             f"{{file: N56E037.hgt, file_sha256: {_SUM}, height_above: ellipsoid}}]",

@@ -18,6 +18,14 @@ from navsim.geodesy.earth_kernels import llh_to_ecef, ned_axes
 
 
 @kernel
+def _unit_delay(nav, table, beacon, distance):
+    """Delay by the air of one N-unit at the runway on the way to a beacon, m: the path's mean by Simpson's rule [1]."""
+    start, end = (nav[NAV_LLH + 2] - table.ground) * (1.0 / table.air_height), table.rise_to[beacon]
+    ends = exp_of_negative(-start) + exp_of_negative(-end + 0.0 * start)
+    return 1e-6 / 6.0 * distance * (ends + 4.0 * exp_of_negative(-0.5 * (start + end)))
+
+
+@kernel
 def _beacon(nav, declared, c_nb, table, row, z, h):
     """Two-way range to a beacon [1]; returns the distance, m.
 
@@ -58,12 +66,16 @@ def _beacon(nav, declared, c_nb, table, row, z, h):
         elif declared[c].sensor == BEACON and declared[c].axis == BEACON_STATES * table.position.shape[0]:
             h[0, SENSORS + c] = 1.0  # the receiver's clock
             z[0] -= nav[NAV_SENSORS + c]
+        elif declared[c].sensor == BEACON and declared[c].axis == BEACON_STATES * table.position.shape[0] + 2:
+            h[0, SENSORS + c] = _unit_delay(nav, table, beacon, distance)
+            z[0] -= h[0, SENSORS + c] * nav[NAV_SENSORS + c]
     # a longer way also has a larger bias
     steeper = 1.0 + growth * left * (1.0 / table.growth_distance)
     z[0] -= growth * (1.0 - left) + steeper * moved
     for c in range(declared.shape[0]):
         if declared[c].sensor == BEACON and declared[c].axis % BEACON_STATES > 1:
-            h[0, SENSORS + c] *= steeper
+            if declared[c].axis < BEACON_STATES * table.position.shape[0]:
+                h[0, SENSORS + c] *= steeper
         elif declared[c].sensor == PRODUCT:
             i, j = FIRST[declared[c].axis], SECOND[declared[c].axis]
             bent = (steeper / distance + (steeper - 1.0) * (1.0 / table.growth_distance)) * u[i] * u[j]

@@ -28,7 +28,8 @@ BEACON = 10
 """Kind of the ranges of beacons."""
 BEACON_STATES = 5
 """Errors of a beacon: bias, growth of the bias, position along north, east, down [3]. The state of the error k of the
-beacon i has the axis `BEACON_STATES` i + k. Behind those of n beacons come offset and rate of the receiver's clock."""
+beacon i has the axis `BEACON_STATES` i + k. Behind those of n beacons come offset and rate of the receiver's clock, and
+the refractivity of the air."""
 AZIMUTH, ELEVATION, DISTANCE = 11, 12, 13
 """Kinds of the measurements of ground stations: two angles and a range [4]."""
 HEADING, VEHICLE_VELOCITY, REST_RATE = 14, 15, 16
@@ -186,6 +187,12 @@ class BeaconTable(NamedTuple):
     """(5,) of the mixture that the filter assumes (`outliers.outlier_moments`); (0,) for none."""
     weakened: np.ndarray = np.empty(0)
     """(m,) factor on the noise that grows with distance, by jammers; (0,) without."""
+    rise_to: np.ndarray = np.empty(0)
+    """(n,) height of each beacon above the runway over the scale height of refractivity; (0,) without a state of it."""
+    ground: float = 0.0
+    """Ellipsoidal height of the runway, m."""
+    air_height: float = 1.0
+    """Scale height of refractivity, m."""
 
     @classmethod
     def none(cls, *lanes: int) -> BeaconTable:

@@ -1,4 +1,5 @@
-"""Errors of transmitters on the ground that last over a run: survey of the position, clock, delay of the hardware.
+"""Errors of transmitters on the ground that last over a run: survey of the position, clock, delay of the hardware; and
+of the air on the paths of all.
 
 Every pseudolite has its own. A clock has two states, offset and rate, driven by white noises of phase and frequency.
 It was set some time before the flight, which leaves an error of its rate.
@@ -34,6 +35,8 @@ class TransmitterErrors:
     """How long before time 0 the clock was set, s."""
     bias: float = 0.0
     """Of its ranges besides the clock, constant over a run, m."""
+    refractivity: float = 0.0
+    """Of the refractivity at the runway, one for all transmitters, constant over a run, N-units."""
 
     @property
     def wanders(self) -> bool:
@@ -77,6 +80,8 @@ class Transmitters:
     """(3,) NED, true minus surveyed position of all, m, in addition to the drawn one."""
     delay: float
     """Effect of the offset of all clocks on pseudoranges, m, in addition to the drawn one."""
+    refractivity: float = 0.0
+    """Refractivity that the receiver's correction leaves, N-units, in addition to the drawn one."""
 
     def select(self, kept: np.ndarray) -> Transmitters:
         """Those of the sources marked in `kept` (s,) bool."""

@@ -18,7 +18,7 @@ from navsim.gnss.constellations.constellation import Constellation
 from navsim.gnss.correction_link import LossesByRun
 from navsim.gnss.correlated_errors import CorrelatedErrors
 from navsim.gnss.dll import ReflectionErrors
-from navsim.gnss.pseudolite_clock import Transmitters, WanderingClocks
+from navsim.gnss.pseudolite_clock import TransmitterErrors, Transmitters, WanderingClocks
 
 _TRAVEL_TIME = 0.07
 _BY_SOURCE = (
@@ -87,6 +87,8 @@ class Signals:
     """(j, e, s) jammer to signal power ratio, dB."""
     offset: np.ndarray | None = None
     """(s, k) effect of one sigma of each of k time scale offsets drawn for each run, m, or None."""
+    air: np.ndarray | None = None
+    """(e, s) delay of pseudolites by the air of one N-unit at the runway, m; None without."""
     wandering: WanderingClocks | None = None
     """Clocks of pseudolites drawn for each run, or None."""
     transmitters: Transmitters | None = None
@@ -116,11 +118,26 @@ class Signals:
         return np.asarray(np.sqrt(np.maximum(self.fix_sigma**2 - self.correlated.total**2, 0.0)))
 
     @property
+    def drawn_air(self) -> np.ndarray | None:
+        """Effect (e, s) of one sigma of the refractivity that is drawn for each run, m; None without."""
+        if self.air is None or self.transmitters is None or not self.transmitters.errors.refractivity:
+            return None
+        return np.asarray(self.transmitters.errors.refractivity * self.air)
+
+    @property
     def transmitter_variance(self) -> np.ndarray:
         """Variance of pseudoranges, m2, and range rates, m2/s2, of fixes due to errors of transmitters (2, e, s)."""
         if self.transmitters is None:
             return np.zeros((2, *self.range.shape))
-        return self.transmitters.errors.variances(self.time)[..., None] * self.transmitters.which
+        return self.variances_of(self.transmitters.errors)
+
+    def variances_of(self, errors: TransmitterErrors) -> np.ndarray:
+        """Variance of pseudoranges, m2, and range rates, m2/s2, due to such errors of transmitters (2, e, s)."""
+        assert self.transmitters is not None
+        out = errors.variances(self.time)[..., None] * self.transmitters.which
+        if self.air is not None and errors.refractivity:
+            out[0] += (errors.refractivity * self.air) ** 2
+        return np.asarray(out)
 
     def with_noise(self, share: float, rate_share: float) -> Signals:
         """Signals with the noise of ranges and range rates multiplied by these factors; errors that last keep their
@@ -151,7 +168,7 @@ class Signals:
         """Signals at the epochs with these numbers (m,) int."""
         each = {
             name: getattr(self, name)[epochs]
-            for name in ("time", "antenna", "antenna_velocity", *_BY_SOURCE, "source_errors", "smoothing")
+            for name in ("time", "antenna", "antenna_velocity", *_BY_SOURCE, "source_errors", "smoothing", "air")
             if getattr(self, name) is not None
         }
         correlated = None if self.correlated is None else self.correlated.at(epochs)
@@ -174,6 +191,7 @@ class Signals:
             correlated=None if self.correlated is None else self.correlated.select(kept),
             reflections=None if self.reflections is None else self.reflections.select(kept),
             smoothing=None if self.smoothing is None else self.smoothing[:, kept],
+            air=None if self.air is None else self.air[:, kept],
             js=self.js[:, :, kept],
             offset=None if self.offset is None else self.offset[kept],
             wandering=None if self.wandering is None else self.wandering.select(kept),

@@ -59,10 +59,18 @@ class GroundAir:
     height: float
     """Ellipsoidal height of the runway, m."""
 
+    @property
+    def residual(self) -> float:
+        """Refractivity at the runway that the correction leaves, N-units."""
+        return self.truth - self.corrected
+
     def delay(self, antenna: np.ndarray, source: np.ndarray, distance: np.ndarray) -> np.ndarray:
         """Residual delay, m, at heights of the antenna and of the source, m, over a distance, m."""
-        n = self.truth - self.corrected
-        return n * atmosphere.ground_delay(antenna - self.height, source - self.height, distance)
+        return self.residual * self.unit_delay(antenna, source, distance)
+
+    def unit_delay(self, antenna: np.ndarray, source: np.ndarray, distance: np.ndarray) -> np.ndarray:
+        """Delay, m, by one N-unit at the runway; arguments as of `delay`."""
+        return atmosphere.ground_delay(antenna - self.height, source - self.height, distance)
 
 
 @dataclass(frozen=True)

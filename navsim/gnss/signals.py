@@ -138,12 +138,18 @@ class SignalScenario:
     def depends_on_pseudolite_sites(self) -> bool:
         """Whether other signals, or the quality of a visible pseudolite's signal, depend on the positions of
         pseudolites."""
-        return self.effects.depends_on_pseudolite_sites or self.strength_placed or self.smoothing_placed
+        own = self.strength_placed or self.smoothing_placed or self.air_placed
+        return self.effects.depends_on_pseudolite_sites or own
 
     @property
     def sight_placed(self) -> bool:
         """Whether the quality of a visible pseudolite's signal depends on its position."""
         return bool(self.terrain)
+
+    @property
+    def air_placed(self) -> bool:
+        """Whether drawn errors of its ranges depend on its position."""
+        return self.effects.ground_air is not None and self.pseudolites.errors.refractivity > 0.0
 
     @property
     def smoothing_placed(self) -> bool:
@@ -431,9 +437,11 @@ def _affected(
     ionosphere = np.where(sky, ionosphere, 0.0)
     away = signals.position - signals.antenna[:, None]
     distance = np.linalg.norm(away, axis=2)
+    path_air = None
     if effects.ground_air is not None:
-        heights = pseudolites.llh[:, 2]
-        delay[:, is_pseudolite] += effects.ground_air.delay(llh[:, 2:], heights, distance[:, is_pseudolite])
+        path_air, heights = np.zeros((e, s)), pseudolites.llh[:, 2]
+        path_air[:, is_pseudolite] = effects.ground_air.unit_delay(llh[:, 2:], heights, distance[:, is_pseudolite])
+        delay[:, is_pseudolite] += effects.ground_air.residual * path_air[:, is_pseudolite]
     space = None
     if effects.signal_in_space is not None:
         space = np.zeros((e, s, 4))
@@ -515,6 +523,8 @@ def _affected(
         los[~used], cn0 = np.nan, np.where(used, effective, np.nan)
     fix_sigma, smoothing = fixed_with(effects, signals.time, sigma, used)
     fix_sigma = np.where(sky, fix_sigma, np.hypot(fix_sigma, pseudolites.calibration_sigma))
+    if path_air is not None and pseudolites.errors.refractivity:
+        fix_sigma = np.hypot(fix_sigma, pseudolites.errors.refractivity * path_air)
     wandering, fix_rate_sigma = None, rate_sigma
     if pseudolites.errors.wanders and is_pseudolite.any():
         wandering = WanderingClocks(pseudolites.errors, is_pseudolite)
@@ -548,9 +558,11 @@ def _affected(
         fix_rate_sigma=fix_rate_sigma,
         smoothing=smoothing,
         offset=_drawn_offsets(environment, signals.time_scale),
+        air=path_air,
         wandering=wandering,
         transmitters=None if not is_pseudolite.any() else Transmitters(
-            is_pseudolite, pseudolites.errors, pseudolites.survey_error, pseudolites.delay
+            is_pseudolite, pseudolites.errors, pseudolites.survey_error, pseudolites.delay,
+            0.0 if effects.ground_air is None else effects.ground_air.residual,
         ),
         correction_age=age,
         losses=losses,

@@ -233,12 +233,13 @@ def beacon_warnings(geometry: BeaconGeometry, glide: np.ndarray) -> list[str]:
             out.append(Note(f"beacons: {name} is never received: it is {why}", BEACONS))
     far = np.where(geometry.received, np.linalg.norm(geometry.away, axis=2), 0.0).max(initial=0.0)
     its, assumed = geometry.sensor, geometry.sensor.design
-    drawn = 1e-6 * its.air_sigma * float(far)
+    drawn = 0.0 if assumed.air_sigma else 1e-6 * its.air_sigma * float(far)
     needed = math.hypot(its.true_errors.bias, drawn)
     if drawn > 0.5 * math.hypot(assumed.errors.bias, assumed.sigma) and assumed.errors.bias < 0.99 * needed:
         out.append(Note(
             f"beacons.air: its drawn part reaches {digits(drawn)} m (1 sigma) at {digits(far)} m, and the filter has "
-            f"no state for it: its sigma is too small; set filter.beacons.bias_sigma_m to {digits(needed)}",
+            "no state for it. So sigma is too small: use filter.beacons.errors: states and leave out "
+            f"filter.beacons.refractivity_sigma_n, or set filter.beacons.bias_sigma_m to {digits(needed)}",
             SIGMA_WITH_BEACONS, (CONSISTENT,),
         ))  # fmt: skip
     if not glide.any():

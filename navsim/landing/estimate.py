@@ -323,7 +323,7 @@ def further(scenario: Landing, sources: SignalScenario) -> int:
     gyro, accel = scenario.imu.triads()
     pseudolites, signals, sensors = scenario.pseudolites, scenario.signals, scenario.aiding()
     errors = pseudolites.errors()
-    drawn = [errors.survey, errors.offset, errors.bias] if pseudolites.placed() else []
+    drawn = [errors.survey, errors.offset, errors.bias, errors.refractivity] if pseudolites.placed() else []
     wander = errors.wanders and bool(pseudolites.placed())
     if len(set(sources.systems) - {PSEUDOLITES, OWN}) > 1:
         drawn.append(signals.system_offset_sigma_ns)

@@ -344,6 +344,12 @@ def _with_power(
             "which pseudolites are visible matters: use a level, or an error of the filter"
         )
         raise _refused(document, ("objective",), text)
+    if sources.air_placed and study.objective.startswith("fix_"):
+        text = (
+            f"{study.objective} is evaluated from directions alone; with pseudolites.air.refractivity_sigma_n the "
+            "distances of pseudolites matter: use a level, or an error of the filter"
+        )
+        raise _refused(document, ("objective",), text)
     seen = sources
     if sources.strength_placed:
         # by geometry others are only screened

@@ -59,15 +59,6 @@ class BeaconClock(ClockNoise):
         return TransmitterErrors(offset=SPEED_OF_LIGHT * offset, rate=SPEED_OF_LIGHT * rate, density=self.densities())
 
 
-class BeaconAir(GroundAirSection):
-    """Delay by the air between beacons and the aircraft; refractivity falls with height by the reference atmosphere of
-    ITU-R P.453."""
-
-    refractivity_sigma_n: Annotated[float, Field(ge=0.0, le=200.0)] = 0.0
-    """1 sigma of the true refractivity at the runway from run to run, the same for all beacons; 30 to 60 from day to
-    day. The filter has no state for it: enlarge filter.beacons.bias_sigma_m"""
-
-
 class BeaconsSection(AidingSection):
     """Ranging beacons on the ground: two-way time of flight, without the receiver's clock, or one-way ranges with it.
     The vehicle asks one beacon after the other. Errors are drawn for each beacon and run."""
@@ -125,7 +116,7 @@ class BeaconsSection(AidingSection):
     clock: BeaconClock | None = None
     """the receiver's clock: ranges are then one-way, on a time base common to the beacons, which send in turn; null:
     two-way"""
-    air: BeaconAir | None = None
+    air: GroundAirSection | None = None
     """delay by the air; null: ranges arrive without delay"""
     latency_s: Late = 0.0
     """time from a measurement to its arrival"""
@@ -196,10 +187,16 @@ class BeaconsSection(AidingSection):
         if watches_filter(landing) and self.air is not None and self.air.refractivity_sigma_n:
             text = "lasts, and levels of integrity.method filter treat errors as independent in time; use 0"
             raise reject(text, "beacons", "air", "refractivity_sigma_n")
+        drawn = self.air is not None and self.air.refractivity_sigma_n > 0.0
+        if drawn and landing.pseudolites.placed() and "air.refractivity_sigma_n" in landing.pseudolites.drawn:
+            text = "pseudolites.air draws it, too, and navsim would draw two airs; give it at one of them"
+            raise reject(text, "beacons", "air", "refractivity_sigma_n")
+        if self.air is None and landing.filter.beacons.refractivity_sigma_n:
+            raise reject("ranges have no delay by air; give beacons.air", "filter", "beacons", "refractivity_sigma_n")
         self._check_events(landing)
         self._check_jammers(landing)
         its = landing.filter.beacons
-        for key in () if its.errors == "states" else ERRORS_OF_BEACONS:
+        for key in () if its.errors == "states" else (*ERRORS_OF_BEACONS, "refractivity_sigma_n"):
             if getattr(its, key) is not None:
                 raise reject("is for `errors: states`", "filter", "beacons", key)
         self._check_mixture(landing)
@@ -335,7 +332,7 @@ class BeaconsSection(AidingSection):
             other.sigma_m, other.weak_sigma_m, other.latency_s, np.array(other.lever_arm_m),
             other.errors(its.errors == "states"),
             replace(other.outliers(), loss=0.0) if its.outliers == "mixture" else None,
-            None if other.clock is None else other.clock.model(), its.second_order,
+            None if other.clock is None else other.clock.model(), self._assumed_air(landing), its.second_order,
         )  # fmt: skip
         return Beacons(
             self.names(), plane, llh, runway.aim_point_m, runway.ellipsoidal_m, runway.heading_deg * DEG, self.rate_hz,
@@ -346,6 +343,13 @@ class BeaconsSection(AidingSection):
             None if self.air is None else self.air.model(runway.ellipsoidal_m),
             0.0 if self.air is None else self.air.refractivity_sigma_n,
         )  # fmt: skip
+
+    def _assumed_air(self, landing: Landing) -> float:
+        """1 sigma of the refractivity in the filter model, N-units; 0 without a state."""
+        its = landing.filter.beacons
+        if self.air is None or its.errors != "states":
+            return 0.0
+        return self.air.refractivity_sigma_n if its.refractivity_sigma_n is None else its.refractivity_sigma_n
 
     def jamming(self, landing: Landing) -> LinkJamming | None:
         """Jammers that reach questions and answers, None without."""
@@ -425,6 +429,8 @@ class FilterBeacons(FilterAidingSection):
     """distance at which the bias has grown to 63 % in the filter model"""
     survey_sigma_m: Annotated[float, Field(ge=0.0, le=5.0)] | None = None
     """1 sigma of the surveyed positions in the filter model"""
+    refractivity_sigma_n: Annotated[float, Field(ge=0.0, le=200.0)] | None = None
+    """1 sigma of the refractivity that the correction leaves, in the filter model; needs beacons.air"""
     clock: FilterBeaconClock | None = None
     """the receiver's clock in the filter model; omitted keys are as in `beacons.clock`"""
     latency_s: Late | None = None

@@ -41,6 +41,9 @@ def gain_states(landing: Landing) -> int:
 
 def check_correlated(landing: Landing) -> None:
     """Check the filter's handling of time-correlated errors."""
+    if landing.filter.pseudolites.refractivity_sigma_n and landing.pseudolites.air is None:
+        text = "ranges have no delay by air; give pseudolites.air"
+        raise reject(text, "filter", "pseudolites", "refractivity_sigma_n")
     watched = watches_filter(landing)
     drawn = landing.pseudolites.drawn
     lasts = "is not possible with {}, which lasts: its levels treat errors as independent in time; use {}mhss"
@@ -106,7 +109,8 @@ def transmitter_states(landing: Landing) -> int:
         return 0
     errors = landing.pseudolites.errors(landing.filter.pseudolites)
     each = 3 * (errors.survey > 0.0) + (errors.bias > 0.0) + errors.clock_states
-    return each * len(landing.pseudolites.placed())
+    count = len(landing.pseudolites.placed())
+    return each * count + (errors.refractivity > 0.0 and count > 0)
 
 
 def check_fix_states(landing: Landing) -> None:

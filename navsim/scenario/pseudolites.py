@@ -143,6 +143,9 @@ class FilterPseudolites(Section):
     """1 sigma of each clock's frequency error when it was set"""
     clock_noise: ClockNoiseSection | None = None
     """noise of each clock"""
+    refractivity_sigma_n: Annotated[float, Field(ge=0.0, le=200.0)] | None = None
+    """1 sigma of the refractivity that the receiver's correction leaves, the same for all pseudolites; needs
+    pseudolites.air"""
 
 
 class PseudolitesSection(Section):
@@ -297,7 +300,8 @@ class PseudolitesSection(Section):
     def drawn(self) -> tuple[str, ...]:
         """Keys of errors that are drawn and last over a run, of pseudolites that are there or that a study adds."""
         keys = ("survey_sigma_m", "range_bias_sigma_m", "clock_sigma_ns", "clock_drift_sigma_ppb", "clock_noise")
-        return tuple(key for key in keys if getattr(self, key))
+        own = ("air.refractivity_sigma_n",) if self.air is not None and self.air.refractivity_sigma_n else ()
+        return (*(key for key in keys if getattr(self, key)), *own)
 
     def errors(self, given: FilterPseudolites | None = None) -> TransmitterErrors:
         """Sizes of the errors that are drawn for each run; given: those in a filter model."""
@@ -313,8 +317,15 @@ class PseudolitesSection(Section):
             size("survey_sigma_m"), SPEED_OF_LIGHT * size("clock_sigma_ns") * 1e-9,
             SPEED_OF_LIGHT * size("clock_drift_sigma_ppb") * 1e-9,
             (0.0, 0.0) if noise is None else noise.densities(), 0.0 if self.clock_age_s is None else self.clock_age_s,
-            size("range_bias_sigma_m"),
+            size("range_bias_sigma_m"), self._refractivity_sigma(given),
         )  # fmt: skip
+
+    def _refractivity_sigma(self, given: FilterPseudolites | None) -> float:
+        """1 sigma of the drawn refractivity, N-units; given: that in a filter model."""
+        if self.air is None:
+            return 0.0
+        its = None if given is None else given.refractivity_sigma_n
+        return self.air.refractivity_sigma_n if its is None else its
 
     def model(self, llh: np.ndarray) -> Pseudolites:
         """The transmitters at surveyed positions (p, 3), rad, rad, m."""

@@ -77,6 +77,9 @@ class GroundAirSection(Section):
     """the receiver's correction: none, or the delay by corrected_refractivity_n"""
     corrected_refractivity_n: Annotated[float, Field(ge=0.0, le=600.0)] = 315.0
     """refractivity at the runway that the receiver assumes"""
+    refractivity_sigma_n: Annotated[float, Field(ge=0.0, le=200.0)] = 0.0
+    """1 sigma of the true refractivity at the runway from run to run, the same on all paths; 30 to 60 from day to day.
+    truth_refractivity_n is its mean"""
 
     @model_validator(mode="after")
     def _used(self) -> Self:

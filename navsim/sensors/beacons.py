@@ -22,6 +22,7 @@ from navsim.filter.error_products import FIRST, SECOND
 from navsim.filter.measurement_kinds import BEACON, BEACON_STATES, PRODUCT, BeaconTable
 from navsim.filter.states import Block, TransmitterClockModel
 from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
+from navsim.gnss.atmosphere import SCALE_HEIGHT
 from navsim.gnss.events import BEACONS, Event, EventEffects, Scene, Silence, happened
 from navsim.gnss.interference.horizon import Terrain, behind, horizon_distance
 from navsim.gnss.interference.jamming import LinkJamming
@@ -116,6 +117,8 @@ class BeaconDesign:
     """Outliers of the filter's mixture; None: the gate alone."""
     clock: TransmitterErrors | None = None
     """Errors of the receiver's clock, None for two-way ranges."""
+    air_sigma: float = 0.0
+    """1 sigma of the refractivity that the correction leaves, N-units; 0: no state."""
     second_order: bool = False
     """It estimates products of the position error (`filter.error_products`)."""
 
@@ -300,6 +303,8 @@ class Beacons(AidingSensor):
             its.errors.growth_distance, its.lever_arm,
             np.empty(0) if its.outliers is None else its.outliers.mixture(),
             np.empty(0) if self.weakened is None else self.weakened,
+            (llh[:, 2] - self.height) / SCALE_HEIGHT if its.air_sigma else np.empty(0), self.height,
+            SCALE_HEIGHT,
         )  # fmt: skip
 
     def noise_variance(self, distance: np.ndarray) -> np.ndarray:
@@ -327,7 +332,7 @@ class Beacons(AidingSensor):
         the air and the clock of all."""
         own = zip(_SOURCES, self.true_errors.sigma, strict=True)
         each = [SensorError(name, sigma, math.inf) for name, sigma in own]
-        air = [SensorError("air", self.air_sigma, math.inf)] if self.air_sigma else []
+        air = [SensorError("air", self.air_sigma, math.inf)] if self._draws_air else []
         clock = [] if self.true_clock is None else [SensorError("clock", self.true_clock.offset, math.inf)]
         return (*each * len(self.names), *air, *clock)
 
@@ -347,30 +352,42 @@ class Beacons(AidingSensor):
             for k in range(BEACON_STATES)
         )
         common = [] if self.true_clock is None else [np.ones((asked.size, 1, 1))]
-        if self.air is not None and self.air_sigma:
+        if self.air is not None and self._draws_air:
             of_one_unit = replace(self.air, truth=1.0, corrected=0.0)
             common.insert(0, self._delay(of_one_unit, flight, time, distance)[:, None, None])
         return (*of_beacons, *common)
+
+    @property
+    def _draws_air(self) -> bool:
+        """Whether the refractivity is an error of runs or of the filter model."""
+        return bool(self.air_sigma or self.design.air_sigma)
 
     @property
     def mean_errors(self) -> np.ndarray:
         """Mean of each error beyond the filter's own: `noise_free` includes the mean bias, and the filter takes off
         that of its model."""
         out = np.zeros(len(self.errors))
-        out[1 : BEACON_STATES * len(self.names) : BEACON_STATES] = self.true_errors.growth - self.design.errors.growth
+        count = BEACON_STATES * len(self.names)
+        out[1:count:BEACON_STATES] = self.true_errors.growth - self.design.errors.growth
+        if self.air is not None and self._draws_air:
+            out[count] = self.air.residual
         return out
 
     @property
     def followed(self) -> tuple[int, ...]:
         """The errors that the filter estimates."""
+        air = [BEACON_STATES * len(self.names)] if self.design.air_sigma else []
         clock = [] if self.design.clock is None else [len(self.errors) - 1]
-        return (*(block.first for block, _ in blocks_of(self.names, self.design.errors)), *clock)
+        return (*(block.first for block, _ in blocks_of(self.names, self.design.errors)), *air, *clock)
 
     def states(self, step: float) -> tuple[tuple[Block, float], ...]:
         """States for these errors, m."""
-        out = list(blocks_of(self.names, self.design.errors))
+        out, first = list(blocks_of(self.names, self.design.errors)), BEACON_STATES * len(self.names)
+        if self.design.air_sigma:
+            own = Block(f"{self.name}_refractivity", "1", BEACON, first=first + 2, size=1)
+            out.append((own, self.design.air_sigma))
         if (clock := self.design.clock) is not None:
-            model, first = TransmitterClockModel(*clock.density, 0.0), BEACON_STATES * len(self.names)
+            model = TransmitterClockModel(*clock.density, 0.0)
             out.append((Block(f"{self.name}_clock", "m", BEACON, first=first, size=1, clock=model), clock.offset))
             out.append((Block(f"{self.name}_clock_rate", "m/s", BEACON, first=first + 1, size=1), clock.rate))
         if self.design.second_order:

@@ -100,7 +100,7 @@ def fix_weights(signals: Signals, assumed: TransmitterErrors) -> Signals:
     if signals.transmitters is None or signals.time.size < 2:
         return signals
     duration, interval = _AVERAGED, float(np.median(np.diff(signals.time)))
-    placed, lasting = signals.transmitters.which, assumed.variances(signals.time)[..., None]
+    placed, lasting = signals.transmitters.which, signals.variances_of(assumed)
     factor = float(as_noise(np.array(np.inf), duration, interval))
     white = signals.noise_sigma**2 - signals.transmitter_variance[0]
     ranges = white + lasting[0] * placed

@@ -46,6 +46,7 @@ from navsim.simulation.correlated_sources import (
     white_noise,
 )
 from navsim.simulation.error_sources import (
+    AIR,
     BIAS,
     CALIBRATION,
     CLOCK,
@@ -179,6 +180,7 @@ def analyse(
     errors = s.source_errors
     placed = () if errors is None else tuple(np.flatnonzero(errors[:, of_pseudolites].any(axis=(0, 1))).tolist())
     own += tuple(dict.fromkeys(_OWNERS[column] for column in placed))
+    own += (AIR,) if s.drawn_air is not None else ()
     own += (OFFSET,) if s.offset is not None else ()
     own += (CLOCK,) if flight.scales else ()
     own += () if s.correlated is None else tuple(CORRELATED + name for name in s.correlated.names)
@@ -248,6 +250,11 @@ def analyse(
     each = 0 if s.source_errors is None else s.source_errors.shape[2]
     owner = np.append(owner, _owners(own, of_pseudolites, each)[felt])
     shown = _shown_messages(flight)[:, felt]
+    if (air := s.drawn_air) is not None:
+        felt_air = np.einsum("mrs,ms->mr", by_range, np.where(s.used, air, 0.0)[epoch])
+        messages = np.concatenate([messages, felt_air[..., None]], axis=2)
+        owner = np.append(owner, sources.index(AIR))
+        shown = np.column_stack([shown, _shown_refractivity(flight)])
     if s.offset is not None:
         messages = np.concatenate([messages, np.where(s.used[epoch, None], by_range, 0.0) @ s.offset], axis=2)
         owner = np.append(owner, np.full(s.offset.shape[1], sources.index(OFFSET)))
@@ -295,6 +302,7 @@ def analyse(
         s.smoothing is None
         and s.source_errors is None
         and s.offset is None
+        and s.drawn_air is None
         and s.correlated is None
         and s.wandering is None
     )
@@ -328,6 +336,8 @@ def _true_curvature(flight: Flight) -> Curvature | None:
         noise, square = np.zeros_like(s.fix_sigma), s.fix_sigma**2
     if s.source_errors is not None:
         square = square + np.sum(s.source_errors**2, axis=2)
+    if (air := s.drawn_air) is not None:
+        square = square + air**2
     return flight.shared.fix_errors.curvature(
         noise, np.sqrt(square), MAX_MEASUREMENT_SIZE if flight.design.velocity else 3
     )
@@ -428,6 +438,14 @@ def _shown_messages(flight: Flight) -> np.ndarray:
     out = np.zeros((n, 0 if signals.source_errors is None else signals.source_errors.shape[2] * len(signals.names)))
     if mine is not None and signals.source_errors is not None:
         out[transmitter_error_states(flight)] = mine.of_messages().reshape(len(mine.each), out.shape[1])
+    return out
+
+
+def _shown_refractivity(flight: Flight) -> np.ndarray:
+    """True values of the filter's states (n,) by one sigma of the drawn refractivity."""
+    out = np.zeros(flight.model.states)
+    if flight.transmitter_states is not None:
+        out[transmitter_error_states(flight)] = flight.transmitter_states.of_refractivity()
     return out
 
 

@@ -16,6 +16,7 @@ from navsim.gnss.receiver import wander
 from navsim.gnss.receiver_fixes import ReceiverFixes, solve_fixes
 from navsim.simulation.dispersed_trajectory import DispersedTrajectories
 from navsim.simulation.shared_truth import SharedTruth
+from navsim.simulation.transmitter_errors import drawn_refractivity
 from navsim.statistics import noise
 from navsim.statistics.random_streams import generator, normals
 
@@ -125,6 +126,9 @@ def draw_measurements(
         scales = signals.offset.shape[1]
         apart = [signals.offset @ generator(seed, run, "space", 1).standard_normal(scales) for run in runs]
         delay = delay + np.stack(apart, axis=-1)[None]
+    if (air := signals.drawn_air) is not None and signals.transmitters is not None:
+        errors = signals.transmitters.errors
+        delay = delay + np.stack([air * drawn_refractivity(errors, seed, run) for run in runs], axis=-1)
     if correlated is not None and signals.correlated is not None:
         # errors after smoothing: in code and carrier alike
         late = [np.sum(signals.correlated.sigma * correlated[..., lane], axis=0) for lane in range(len(runs))]

@@ -155,12 +155,15 @@ def glide_geometry(
     - `time` (e,): fix epochs from the first one on, s, so that the receiver's memory is included.
     - `counted` (e,) bool: epochs at which placements are evaluated.
 
-    Signals are those of a landing. A distant pseudolite supplies the quantities that do not depend on the position.
+    Signals are those of a landing. A distant pseudolite supplies the quantities that do not depend on the position,
+    so without drawn errors of the air.
     """
     motion = trajectory.motion(time)
     axes = enu_matrix(motion.llh)[counted]
     place = llh_from_ecef(trajectory.frame.origin) + np.array([0.0, 0.0, _OVERHEAD])
-    sources = replace(environment, pseudolites=replace(environment.pseudolites, names=("any",), llh=place[None]))
+    errors = replace(environment.pseudolites.errors, refractivity=0.0)
+    anywhere = replace(environment.pseudolites, names=("any",), llh=place[None], errors=errors)
+    sources = replace(environment, pseudolites=anywhere)
     ridges, parts = _edges(environment.terrain.tops), []
     for start in np.atleast_1d(utc):
         s = build_signals(motion, float(start), sources)

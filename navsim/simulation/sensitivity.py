@@ -192,6 +192,12 @@ def _of_ranges(flight: Flight, slopes: Slopes) -> tuple[np.ndarray, np.ndarray, 
         delay = np.where(signals.used, delay[:, None], 0.0)
         ranges = ranges + delay
         phases = None if phases is None else phases + delay
+    if (air := signals.drawn_air) is not None:
+        both = slopes.ranges if slopes.phases is None else slopes.ranges + slopes.phases
+        air = np.where(signals.used, air, 0.0)
+        delay = np.einsum("kes,es->k", both, air)[:, None, None] * air
+        ranges = ranges + delay
+        phases = None if phases is None else phases + delay
     if signals.correlated is not None:
         both = slopes.ranges if slopes.phases is None else slopes.ranges + slopes.phases
         heard = replace(signals.correlated, sigma=np.where(signals.used, signals.correlated.sigma, 0.0))

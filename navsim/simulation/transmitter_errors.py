@@ -1,7 +1,8 @@
-"""Errors of transmitters on the ground as states of a filter: survey, clock, range bias.
+"""Errors of transmitters on the ground as states of a filter: survey, clock, range bias; and the refractivity of the
+air.
 
-They last over a run. The state of an error acts on the ranges of its own transmitter: a tightly coupled filter has
-these effects as they are, a loosely coupled one as the geometry maps them to the fix.
+They last over a run. The state of an error acts on the ranges of its own transmitter, that of the refractivity on all.
+A tightly coupled filter has these effects as they are, a loosely coupled one as the geometry maps them to the fix.
 
 Source: `docs/theory/lasting-errors.md`, section 7.
 """
@@ -21,8 +22,15 @@ from navsim.gnss.pseudolite_clock import TransmitterErrors
 from navsim.gnss.pseudorange import Signals
 from navsim.statistics.random_streams import generator
 
-_POSITION, _OFFSET, _BIAS, _RATE = (0, 1, 2), 3, 4, 5
-"""Errors of a transmitter, in order; those of its position are along north, east, down."""
+_POSITION, _OFFSET, _BIAS, _RATE, _REFRACTIVITY = (0, 1, 2), 3, 4, 5, 6
+"""Errors of a transmitter, in order; those of its position are along north, east, down. The last is of all."""
+_ALL = -1
+"""Source of an error that all transmitters share."""
+
+
+def drawn_refractivity(errors: TransmitterErrors, seed: int, run: int) -> float:
+    """The drawn part of a run's refractivity, in its 1 sigma."""
+    return float(generator(seed, run, "space", 2).standard_normal()) if errors.refractivity else 0.0
 
 
 @dataclass(frozen=True)
@@ -60,7 +68,14 @@ class TransmitterStates:
         own += [_BIAS] if errors.bias > 0.0 else []
         own += [_OFFSET] if errors.offset > 0.0 or errors.is_noisy else []
         own += [_RATE] if errors.wanders else []
-        return tuple((int(i), k) for i in np.flatnonzero(truth.which & used.any(axis=0)) for k in own)
+        received = np.flatnonzero(truth.which & used.any(axis=0))
+        of_all = [(_ALL, _REFRACTIVITY)] if self.follows_air and received.size else []
+        return (*((int(i), k) for i in received for k in own), *of_all)
+
+    @property
+    def follows_air(self) -> bool:
+        """Whether the refractivity is a state."""
+        return self.signals.air is not None and self.errors.refractivity > 0.0
 
     def blocks(self) -> list[tuple[Block, float]]:
         """The states, each a separate block, and their initial 1 sigma."""
@@ -71,7 +86,9 @@ class TransmitterStates:
         offset = float(np.hypot(errors.offset, np.sqrt(start[0, 0]))) if errors.is_noisy else errors.offset
         for number, (source, k) in enumerate(self.each):
             name = self.signals.names[source]
-            if k in _POSITION:
+            if k == _REFRACTIVITY:
+                one = Block("transmitter_refractivity", "1", SOURCE, first=number, size=1), errors.refractivity
+            elif k in _POSITION:
                 axis = ("north", "east", "down")[k]
                 one = Block(f"transmitter_position_{name}_{axis}", "m", SOURCE, first=number, size=1), errors.survey
             elif k == _BIAS:
@@ -85,10 +102,14 @@ class TransmitterStates:
 
     @cached_property
     def effects(self) -> np.ndarray:
-        """Effect of each state on the pseudorange and range rate of its transmitter (e, 2, q), 0 where not received."""
+        """Effect of each state on the pseudorange and range rate of its transmitter (e, 2, q), 0 where not received.
+
+        That of a state of all is left 0 here."""
         s = self.signals
         out = np.zeros((s.time.size, 2, len(self.each)))
         for q, (i, k) in enumerate(self.each):
+            if i == _ALL:
+                continue
             used = s.used[:, i]
             if k in _POSITION:
                 away = s.position[used, i] - s.antenna[used]
@@ -110,12 +131,19 @@ class TransmitterStates:
     def on_ranges(self, epoch: np.ndarray, source: np.ndarray) -> np.ndarray:
         """Effects (m, 2, q) on the ranges of these epochs and sources (m,)."""
         own = self.sources[None, :] == source[:, None]
-        return np.where(own[:, None], self.effects[epoch], 0.0)
+        out = np.where(own[:, None], self.effects[epoch], 0.0)
+        if self.each and self.each[-1][0] == _ALL and self.signals.air is not None:
+            out[:, 0, -1] = self.signals.air[epoch, source]
+        return out
 
     def on_fixes(self, by_range: np.ndarray, by_rate: np.ndarray) -> np.ndarray:
         """Effects (e, MOST, q) on fixes, from their derivatives by ranges and range rates (e, MOST, s)."""
         ranges, rates = (by[:, :, self.sources] * self.effects[:, None, k] for k, by in enumerate((by_range, by_rate)))
-        return np.asarray(ranges + rates)
+        out = np.asarray(ranges + rates)
+        if self.each and self.each[-1][0] == _ALL and self.signals.air is not None:
+            air = np.where(self.signals.used, self.signals.air, 0.0)
+            out[:, :, -1] = np.einsum("eas,es->ea", by_range, air)
+        return out
 
     @property
     def of_positions(self) -> np.ndarray:
@@ -137,8 +165,17 @@ class TransmitterStates:
         truth = self.signals.transmitters
         assert truth is not None or not self.each
         return np.array(
-            [0.0 if truth is None else (*truth.survey_error, truth.delay, 0.0, 0.0)[k] for _, k in self.each]
+            [
+                0.0 if truth is None else (*truth.survey_error, truth.delay, 0.0, 0.0, truth.refractivity)[k]
+                for _, k in self.each
+            ]
         )
+
+    def of_refractivity(self) -> np.ndarray:
+        """Effect on the states (q,) of one sigma of the drawn refractivity."""
+        truth = self.signals.transmitters
+        size = 0.0 if truth is None else truth.errors.refractivity
+        return np.array([size if k == _REFRACTIVITY else 0.0 for _, k in self.each])
 
     def of_messages(self) -> np.ndarray:
         """Effect on the states (q, s, k) of one sigma of the errors in `Signals.source_errors`."""
@@ -172,6 +209,8 @@ class TransmitterStates:
             if s.source_errors is not None:
                 drawn = generator(seed, run, "space").standard_normal(s.source_errors.shape[1:])
                 own += np.einsum("qsk,sk->q", self.of_messages(), drawn)
+            if s.transmitters is not None and s.drawn_air is not None:
+                own += self.of_refractivity() * drawn_refractivity(s.transmitters.errors, seed, run)
             if s.wandering is not None:
                 known = s.wandering.drawn(s.time, [generator(seed, run, "clock", 2)])[..., 0]
                 clocks = s.wandering.drawn_between(time, s.time, known, generator(seed, run, "clock", 2))

@@ -72,6 +72,28 @@ def test_every_state_is_consistent(kind: str, coupling: str, runs: int, clock: b
     np.testing.assert_allclose(ratio, 1.0, atol=0.01)
 
 
+@pytest.mark.parametrize(("coupling", "clock"), in_brief([("loose", False), ("tight", True)], 0))
+def test_refractivity_is_a_state(coupling: str, clock: bool) -> None:
+    """Beacons at 5 to 8 km show more than half of a refractivity of 50 N-units; every state is consistent over 240
+    runs."""
+    far = "{s_m: 2000, l1_m: 5000, height_m: 10}, {s_m: -2500, l1_m: 3000}, {s_m: 3000, l1_m: -6000}, "
+    far += "{s_m: -1500, l1_m: -8000, height_m: 15}"
+    air = "air: {correction: refractivity, truth_refractivity_n: 315, refractivity_sigma_n: 50}"
+    section = beacons(*ERRORS, air, *(("clock: {}",) if clock else ()))
+    section = section.replace(SITES, far).replace("range_limit_m: 3000", "range_limit_m: 20000")
+    flown = case(*BRIEF, section, NO_SATELLITES, "filter.kind=eskf", f"filter.coupling={coupling}")
+    names, analysis = list(flown.states), covariance_analysis(flown)
+    own = names.index("beacons_refractivity")
+    ratio = np.sqrt(np.einsum("tii->ti", analysis.covariance) / np.einsum("tii->ti", analysis.assumed))
+    np.testing.assert_allclose(ratio, 1.0, atol=0.01)
+    assert "beacons_air" in analysis.sources
+    assert np.sqrt(analysis.assumed[0, own, own]) == pytest.approx(50.0)
+    assert np.sqrt(analysis.assumed[-1, own, own]) < (50.0 if clock else 30.0)
+    result = fly_all(flown, 61, 0, 240, threads())
+    z = np.sqrt(np.mean((result["error"] / result["sigma"])[:, 5:] ** 2, axis=(0, 1)))
+    assert np.abs(z - 1.0).max() < 4.0 / np.sqrt(480.0), z.round(3)
+
+
 NEAR_ITS_HEIGHT = (
     "beacons={sites: [{s_m: 80, l1_m: 150, height_m: 60}, {s_m: -80, l1_m: 150, height_m: 60}], rate_hz: 10, "
     "range_limit_m: 3000, sigma_m: 0.03, bias_sigma_m: 0.1}", "signals.preset=open-sky", "pseudolites.count=0",

@@ -169,6 +169,7 @@ DRAWN: dict[str, st.SearchStrategy[Any]] = {
     "pseudolites.air.truth_refractivity_n": st.just(340.0),
     "pseudolites.air.correction": st.sampled_from(["none", "refractivity"]),
     "pseudolites.air.corrected_refractivity_n": st.just(315.0),
+    "pseudolites.air.refractivity_sigma_n": st.just(45.0),
     "pseudolites.multipath.permittivity": st.just(30.0),
     "pseudolites.multipath.conductivity_s_m": st.just(0.1),
     "pseudolites.multipath.polarisation": st.sampled_from(["circular", "vertical", "horizontal"]),
@@ -419,6 +420,10 @@ def assert_close(found: np.ndarray, expected: np.ndarray, pdop: np.ndarray) -> N
 )
 @example(ONE_SATELLITE | {"pseudolites.clock": "own"}, {"sites": [{"s_m": 300, "l1_m": 200}]})
 @example(ONE_SATELLITE, {"sites": [{"s_m": s, "l1_m": 200} for s in (-2000, -80, 300)]})
+@example(
+    {"pseudolites.air.correction": "refractivity", "pseudolites.air.refractivity_sigma_n": 100.0},
+    {"sites": [{"s_m": 300, "l1_m": 200}, {"s_m": -80, "l1_m": 4000}]},
+)
 def test_placement_path_equals_the_landing(
     tmp_path_factory: pytest.TempPathFactory, name: str, drawn: dict[str, Any], placed: dict[str, Any]
 ) -> None:
@@ -443,7 +448,8 @@ def test_placement_path_equals_the_landing(
     by_strength, by_smoothing = flown.environment.strength_placed, flown.environment.smoothing_placed
     by = "sites" if "sites" in placed else "l1_m"
     others = {key: value for key, value in section.items() if key != by}
-    known = not (station or by_strength or by_smoothing)
+    by_air = flown.environment.air_placed
+    known = not (station or by_strength or by_smoothing or by_air)
     for axis, value, rest, alone in (
         (f"pseudolites.{by}", section[by], given | {"pseudolites": others}, known),
         ("duration_s", flown.scenario.duration_s, {k: v for k, v in given.items() if k != "duration_s"}, False),
@@ -476,6 +482,11 @@ def test_placement_path_equals_the_landing(
             objective.problem(*read_study(path, Optimize, []))
         return
     here = objective.problem(*read_study(path, Optimize, []))
+    if by_air:
+        weighted = study_of(folder, "optimize", given, (area + period).replace("pdop", "fix_vertical"), name)
+        with pytest.raises(InputError, match="distances of pseudolites matter"):
+            objective.problem(*read_study(weighted, Optimize, []))
+        return  # their weight depends on their distance, which is in no geometry
     if by_smoothing:
         return  # how well they are smoothed is in no geometry: of DOPs alone, which the others tell
     found = judged(here.geometry, sites)

@@ -79,6 +79,48 @@ def test_smoothers_have_them(kind: str, coupling: str) -> None:
     assert np.all(np.abs(rms[[0, 1, -1]][:, [*range(6), *own]] - 1.0) < 4.0 / np.sqrt(96.0))
 
 
+FAR_AIR = (
+    "pseudolites.s_m=1000", "pseudolites.l1_m=5000",
+    "pseudolites.air={correction: refractivity, truth_refractivity_n: 315, refractivity_sigma_n: 100}",
+)  # fmt: skip
+"""Air that delays the ranges of both pseudolites by 0.5 m, 1 sigma."""
+
+
+@pytest.mark.parametrize("coupling", ["loose", "tight"])
+@pytest.mark.parametrize("beside", [(), FREE], ids=["air", "all"])
+def test_refractivity_is_one_state_of_all(coupling: str, beside: tuple[str, ...]) -> None:
+    """RMS of error / sigma over 200 landings, and the analysis, whose budget has the air."""
+    flown = case(*BRIEF, *FAR_AIR, *beside, f"filter.coupling={coupling}")
+    assert [name for name in flown.states if "refractivity" in name] == ["transmitter_refractivity"]
+    own = [i for i, name in enumerate(flown.states) if name.startswith("transmitter_")]
+    analysis = covariance_analysis(flown)
+    assert analysis.variance[analysis.sources.index("pseudolite_air"), -1, 2] > 0.0
+    ratio = np.sqrt(np.einsum("tii->ti", analysis.covariance) / np.einsum("tii->ti", analysis.assumed))
+    np.testing.assert_allclose(ratio, 1.0, atol=0.01)
+    runs = list(flown.fly_runs(42, 0, 200, measured=False))
+    z = np.concatenate([run.error for run in runs]) / np.concatenate([run.sigma for run in runs])
+    rms = np.sqrt(np.mean(z**2, axis=0))
+    assert np.all(np.abs(rms[[1, -1]][:, [*range(9), *own]] - 1.0) < 4.0 / np.sqrt(400.0))
+
+
+def test_refractivity_without_a_state_is_an_error_beyond_sigma() -> None:
+    """The receiver's correction is 15 N-units off on average, which the state takes up; without one, errors exceed
+    sigma, as analysis and runs say alike."""
+    off = "pseudolites.air.truth_refractivity_n=330"
+    followed, ignored = (
+        case(*BRIEF, *FAR_AIR, off, f"filter.fix_errors={how}", "filter.coupling=tight") for how in ("states", "none")
+    )
+    analysis = covariance_analysis(ignored)
+    error = np.concatenate([run.error for run in ignored.fly_runs(43, 0, 200, measured=False)])[:, -1, 2]
+    true = np.sqrt(analysis.covariance[-1, 2, 2] + analysis.mean[-1, 2] ** 2)
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(true, rel=0.2)
+    assert true > 1.05 * np.sqrt(analysis.assumed[-1, 2, 2])
+    k = list(followed.states).index("transmitter_refractivity")
+    assert covariance_analysis(followed).mean[0, k] == pytest.approx(15.0)
+    drawn = np.concatenate([run.error for run in followed.fly_runs(44, 0, 200, measured=False)])[:, 0, k]
+    assert np.mean(drawn) == pytest.approx(15.0, abs=3.0 * 100.0 / np.sqrt(200.0))
+
+
 CLOCKS = {
     **{f"{ppb} ppb": (f"pseudolites.clock_drift_sigma_ppb={ppb}",) for ppb in (0, 0.1, 1, 3, 10)},
     "constant": ("pseudolites.survey_sigma_m=0.5", "pseudolites.clock_sigma_ns=15"),

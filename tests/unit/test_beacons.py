@@ -387,7 +387,21 @@ def test_air_delays_ranges_by_its_refractivity_which_each_run_draws() -> None:
              for run in range(60)]  # fmt: skip
     assert np.ptp(drawn, axis=1).max() < 1e-4
     assert np.std([each[0] for each in drawn]) == pytest.approx(150.0, rel=0.3)
-    assert any(text.startswith("beacons.air: its drawn part reaches") for text in of.warnings)
+    assert not any(text.startswith("beacons.air:") for text in of.warnings)
+    without = case(*BRIEF, section(air % ", refractivity_sigma_n: 150"), "filter.beacons.refractivity_sigma_n=0")
+    assert any(text.startswith("beacons.air: its drawn part reaches") for text in without.warnings)
+    both = "pseudolites.air={correction: refractivity, refractivity_sigma_n: 45}"
+    for wrong, key in (
+        ((both,), r"beacons\.air\.refractivity_sigma_n: pseudolites\.air draws it, too"),
+        (
+            ("beacons.air=null", "filter.beacons.refractivity_sigma_n=45"),
+            r"filter\.beacons\.refractivity_sigma_n: ranges",
+        ),
+        (("filter.pseudolites.refractivity_sigma_n=45",), r"filter\.pseudolites\.refractivity_sigma_n: ranges"),
+        (("filter.beacons={errors: none, refractivity_sigma_n: 45}",), r"is for `errors: states`"),
+    ):
+        with pytest.raises(InputError, match=key):
+            scenario(section(air % ", refractivity_sigma_n: 150"), *wrong)
     with pytest.raises(InputError, match=r"beacons\.air\.refractivity_sigma_n: lasts"):
         scenario(section(air % ", refractivity_sigma_n: 150"), "integrity={method: filter}")
 
