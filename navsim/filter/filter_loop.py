@@ -80,8 +80,7 @@ from navsim.filter.update import (
 _NO_NOISE = 1e-30
 """Density of noise of accelerometers that have none, m2/s3: no flight is steady by it."""
 _BEYOND_GAUSSIAN = 3.0
-"""Factor on the variance of the force that tilt errors lose (`add_tilt_loss`): the gate then rejects no fix up to tilt
-errors of 4 sigma."""
+"""Factor on the variance of the second order of tilt errors: the gate then rejects no fix up to 4 sigma of tilt."""
 
 
 class PropagationBuffers(NamedTuple):
@@ -262,19 +261,20 @@ def advance(chart, until, imu, model, nav, p, cursor, increments, space):
             begin, tilt = cursor[1], small_vector(nav, 3)
             tilt[0], tilt[1], tilt[2] = p[PHI_N, PHI_N], p[PHI_E, PHI_E], p[PHI_N, PHI_E]
             advance_once(chart, until, imu, model, nav, p, cursor, increments, space)
-            add_tilt_loss(nav, p, tilt, space.mid[MID_GRAVITY], cursor[1] - begin, model.tilt_time)
+            add_second_order_of_tilt(nav, p, tilt, space.mid[MID_GRAVITY], cursor[1] - begin, model.tilt_time)
         else:
             advance_once(chart, until, imu, model, nav, p, cursor, increments, space)
 
 
 @kernel
-def add_tilt_loss(nav, p, tilt, gravity, dt, time):
-    """Add the vertical force that a tilt error loses in dt (s), to second order: gravity times half its square.
+def add_second_order_of_tilt(nav, p, tilt, gravity, dt, time):
+    """Add the downward acceleration that F omits of a tilt error: gravity times half its square, over dt (s).
 
     tilt (3,): variances of the tilt errors about north and east and their covariance, rad2. nav (NAV,) moves by the
-    mean. P (n, n) grows by three times the covariance: with equal variances the loss is exponential, so a Gaussian of
-    its own covariance would be too narrow far out. The tilt error stays the same for `time` (s), until fixes show it; a
-    white noise gives the velocity the same variance at that time. Source: `docs/theory/filter.md`, section 3.
+    mean. P (n, n) grows by three times the covariance: with equal variances the omitted part is exponential, so a
+    Gaussian of its own covariance would be too narrow far out. The tilt error stays the same for `time` (s), until
+    fixes show it; a white noise gives the velocity the same variance at that time. Source: `docs/theory/filter.md`,
+    section 3.
     """
     n, e, both = tilt[0], tilt[1], tilt[2]
     mean, variance = 0.5 * gravity * (n + e), 0.5 * gravity * gravity * (n * n + e * e + 2.0 * both * both)

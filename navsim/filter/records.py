@@ -155,8 +155,8 @@ class FilterModel(NamedTuple):
     steady_force: bool = False
     """Attitude errors rotate only the steady part of the specific force (`steady_force`)."""
     tilt_time: float = 0.0
-    """Time after which fixes have shown a large tilt error, s. Until then it loses vertical force
-    (`filter_loop.add_tilt_loss`). 0: the loss is negligible."""
+    """Time after which fixes have shown a large tilt error, s. Until then its second order is in P
+    (`filter_loop.add_second_order_of_tilt`). 0: it is negligible."""
 
     @property
     def states(self) -> int:

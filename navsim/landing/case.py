@@ -370,7 +370,8 @@ def _filter_design(scenario: Landing, shared: SharedTruth) -> tuple[FilterDesign
 def _tilt_time(scenario: Landing, sigma: float) -> float:
     """`FilterModel.tilt_time`, s, of a filter that starts with this 1 sigma of tilt, rad.
 
-    Three fixes show a tilt error. 0 if what it loses until then is small beside the errors of a fix."""
+    Three fixes show a tilt error. 0 if the second order of a tilt error of 1 sigma is until then small beside the
+    errors of a fix."""
     time, its, flagged = 3.0 / scenario.receiver.rate_hz, scenario.signals, _flag_sigma(scenario)
     height, speed = _VERTICAL_DILUTION * its.range_sigma_m, _VERTICAL_DILUTION * its.range_rate_sigma_m_s
     if flagged is not None:

@@ -1,4 +1,4 @@
-"""Runs that begin with a large tilt error keep centimetre fixes: the gate does not take lost force for a wrong fix."""
+"""Runs that begin with a large tilt error keep centimetre fixes: the gate does not take it for a wrong fix."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def flown(folder: Path) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_no_fix_is_rejected(tmp_path: Path) -> None:
-    """15.5 deg of tilt, 3.1 sigma. Without the lost force the gate rejects fixes, and errors reach 5 m in 3 s."""
+    """15.5 deg of tilt, 3.1 sigma. Without its second order the gate rejects fixes, and errors reach 5 m in 3 s."""
     error, sigma = flown(tmp_path)
     assert np.abs(error[:, -1]).max() < 0.1
     assert np.abs(error[:, 1:] / sigma[:, 1:]).max() < 6.0

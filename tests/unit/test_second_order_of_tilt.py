@@ -1,11 +1,11 @@
-"""The vertical force that a tilt error loses to second order, against drawn rotations."""
+"""The vertical acceleration that F omits of a tilt error, against drawn rotations."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from navsim.filter.filter_loop import add_tilt_loss
+from navsim.filter.filter_loop import add_second_order_of_tilt
 from navsim.filter.states import NAV_N, POS, VEL
 
 G, DT, TIME = 9.8, 0.2, 1.5
@@ -16,7 +16,7 @@ TILT = np.radians([[6.0, 2.0], [2.0, 4.0]]) * np.radians(5.0)
 
 def grown() -> tuple[np.ndarray, np.ndarray]:
     nav, p = np.zeros(NAV_N), np.zeros((15, 15))
-    add_tilt_loss(nav, p, np.array([TILT[0, 0], TILT[1, 1], TILT[0, 1]]), G, DT, TIME)
+    add_second_order_of_tilt(nav, p, np.array([TILT[0, 0], TILT[1, 1], TILT[0, 1]]), G, DT, TIME)
     return nav, p
 
 
