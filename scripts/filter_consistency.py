@@ -433,12 +433,16 @@ class Row:
     def outside(self, errors: float = 3.0, motion: bool = False) -> list[str]:
         """Extreme z, of all states or of position and velocity, outside of what is asked for by more than so many
         sigma of the sampling."""
+        return [f"{at} {z:.2f} ± {sampling:.2f}" for z, sampling, at in self.extremes_outside(errors, motion)]
+
+    def extremes_outside(self, errors: float, motion: bool = False) -> list[tuple[float, float, str]]:
+        """Those z, each with its sampling and its state and time."""
         each = [
             (self.largest_z, self.largest_z_sampling, self.largest_z_at),
             (self.least_z, self.least_z_sampling, self.least_z_at),
         ]
         return [
-            f"{at} {z:.2f} ± {sampling:.2f}"
+            (z, sampling, at)
             for z, sampling, at in ([(self.motion_z, self.motion_z_sampling, self.motion_z_at)] if motion else each)
             if not LOW - errors * sampling <= z <= HIGH + errors * sampling
         ]
@@ -552,7 +556,8 @@ def results(rows: Sequence[Row]) -> list[str]:
     outside = [(row.case, ", ".join(row.outside())) for row in own if row.outside()]
     inside = [[row for row in own if not row.outside(0.0, motion)] for motion in (False, True)]
     motion = [(row.case, ", ".join(row.outside(motion=True))) for row in own if row.outside(motion=True)]
-    margin = span([f"{3.0 / np.sqrt(2.0 * row.runs):.2f}" for row in own])
+    near = [one for row in own if not row.outside() for one in row.extremes_outside(0.0)]
+    margin = span([f"{3.0 * sampling:.2f}" for _, sampling, _ in near])
     above = [
         (row.case, f"{row.heading_rms_deg:.1f}° against {row.no_fixes_deg:.1f}°")
         for row in own
@@ -581,7 +586,7 @@ def results(rows: Sequence[Row]) -> list[str]:
         "",
         f"**Every state.** Each z of `{DEFAULT}` should be between {LOW} and {HIGH}. In {len(inside[0])} of {len(own)}",
         f"cases each is. In {len(own) - len(outside) - len(inside[0])} others z leaves this range by at most 3 "
-        f"standard errors ({margin}).",
+        f"standard errors ({margin}, by the scatter of the runs).",
         *listed("Cases further outside", outside),
         "",
         f"**Position and velocity.** Each of their z is in this range in {len(inside[1])} cases, and leaves it by at",
@@ -687,7 +692,8 @@ def page(rows: Sequence[Row]) -> list[str]:
         "## Every kind",
         "",
         f"Largest z; NEES/n, of the same {others} runs. In **bold** cells σ is not much too small:",
-        f"no z above {LARGEST_Z}, NEES/n at most {LARGEST_NEES}, at most {LARGEST_SHARE} % of NEES beyond its limit.",
+        f"no z above {LARGEST_Z}, NEES/n at most {LARGEST_NEES}, at most {LARGEST_SHARE} % of NEES beyond its limit "
+        "(in the CSV).",
         "",
         *kinds_table([row for row in alike if row.kind in KINDS]),
         "",

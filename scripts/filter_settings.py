@@ -162,7 +162,7 @@ def seldom() -> list[str]:
         "",
         command("receiver.rate_hz=0.1", runs=40),
         "",
-        "| `receiver.rate_hz` | kind | rejected fixes | horizontal RMS before touchdown, m | largest NEES/n |",
+        "| `receiver.rate_hz` | `filter.kind` | rejected fixes | horizontal RMS, last 20 s, m | largest NEES/n |",
         "|---|---|---|---|---|",
     ]
     for rate, kind in [*(("0.1", kind) for kind in KINDS), *((rate, KINDS[0]) for rate in ("0.2", "0.5"))]:
@@ -291,8 +291,7 @@ def main() -> None:
         "# The filter, measured",
         "",
         "[The filter](filter.md) at its limits ([conclusions](sigma.md)). A range such as 0.84 to 1.08 is over the "
-        "times of a flight. NEES/6 is the NEES of position and velocity, divided by 6; NEES/n that of all n states, "
-        "divided by n. Above 1, σ is too small.",
+        "times of a flight. NEES/6 is of position and velocity, NEES/n of all n states; above 1, σ is too small.",
     ]
     for section in (steady, sensors, seldom, coupling, lasting, odense):
         lines += ["", *section()]

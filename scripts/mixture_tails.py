@@ -230,13 +230,16 @@ def results(labels: Sequence[str], found: Sequence[Judged]) -> list[str]:
         100.0 * np.array([m.mean() for m in each])
         for each in zip(*((one.predicted, one.beyond) for one in found), strict=True)
     )
+    alone = 100.0 * np.array([one.beyond[(one.components > 1.0).mean(axis=1) <= 0.5].mean() for one in found])
     parts = [int(part) for part in map(explained, found) if part != "-"]
     own = ", ".join(f"`{label}`" for label, one in zip(labels, found, strict=True) if excess(one.beyond_own))
     return [
         f"The mixture predicts {predicted.min():.2f} to {predicted.max():.2f} %, runs show {observed.min():.2f} to "
         f"{observed.max():.2f} %. Where their excess over {NOMINAL} % is",
         f"beyond chance (2 sigma), the mixture explains {consistency.span(parts)} % of it. The cause of the rest is "
-        "unknown.",
+        "unknown. At times with one",
+        f"component there is no mixture, and {alone.min():.2f} to {alone.max():.2f} % of the errors exceed the limit: "
+        "the mixture isn't the main cause.",
         f"Errors beyond their own mixture are too frequent by more than chance in: {own or 'no case'}.",
         "",
     ]
@@ -247,7 +250,8 @@ INTRODUCTION = """# Large errors of the default filter, and its mixture
 NEES judges an error by one mean and covariance. The default filter's density is a [mixture](theory/gaussian-sum.md).
 If the mixture is the posterior, its samples exceed the 99.9 % limit of NEES as often as the errors do.
 
-The times are those of [consistency](filter-consistency.md), its runs the first ones there (at most 12 more).
+Times and seeds are those of [consistency](filter-consistency.md). Each of the seeds has a third of a row's runs, its
+first ones.
 
 """
 COLUMNS = f"""

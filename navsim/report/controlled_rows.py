@@ -47,7 +47,7 @@ def _has_branch(result: Result) -> bool:
 
 
 def _estimate(result: Result, name: str, *at: int) -> Cell | str:
-    """An estimate with its interval, and the number of runs that would give this interval without control."""
+    """An estimate with its interval, and the number of runs that would be as precise without control."""
     path = f"{BRANCH}/{name}"
     if path not in result:
         return ABSENT
@@ -69,7 +69,7 @@ def _decimals(half: float, most: int) -> int:
 
 
 def as_good_as(result: Result, gain: float) -> str:
-    """Number of runs that would give as narrow an interval without control, to two digits."""
+    """Number of runs that would be as precise without control, to two digits: see `Controlled`."""
     runs = gain * result["/run"].size
     if not math.isfinite(runs):
         return "any number"

@@ -631,7 +631,10 @@ _SUMMARY = Chapter(
 
 _CONTROLLED_WHEN = "of 64 runs or more that have first-order errors"
 _CONTROLLED_BY = "controlled by the exactly known first-order errors"
-_GAIN = "how many times as many runs would give as narrow an interval without control; nan where there is none"
+_GAIN = (
+    "how many times as many runs would be as precise without control (RMS, mean: by the scatter of these runs; "
+    "percentile, probability: by the intervals); nan where there is none"
+)
 _CONTROLLED = Chapter(
     "Summary of a landing by its first-order errors",
     "Narrower intervals from the same runs. The covariance analysis tells exactly how far the first-order errors of "
