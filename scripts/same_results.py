@@ -58,9 +58,10 @@ _GRID = "--set vary.1.grid.count=2 --set vary.2.grid.count=2"
 _SWEEP = f"""sweep scenarios/placement_sweep.yaml -o {{out}} {_GRID}
     --set 'set={{pseudolites.frame: runway, duration_s: 61, receiver.rate_hz: 1}}'"""
 _LANDINGS = (
-    "landing", "circuit", "landing_gnss_only", "landing_open_sky", "landing_smooth", "s_turn", "beacons_pad", "table2",
-    "table2_almanac", "table2_row1", "table2_weighted", "track",
+    "landing", "circuit", "landing_gnss_only", "landing_open_sky", "landing_smooth", "s_turn", "table2", "table2_almanac",
+    "table2_row1", "table2_weighted", "track",
 )  # fmt: skip
+_BEACONS = ("beacons_pad", "beacons_uav")
 _FILTERS = ("tfg", "eskf", "left-invariant", "gaussian-sum", "rts", "map")
 _LANDING = f"run scenarios/landing.yaml -o {{out}} {_BRIEF}"
 _SMOOTH = f"run scenarios/landing_open_sky.yaml -o {{out}} {_BRIEF}"
@@ -68,6 +69,7 @@ _REPLAY = "replay scenarios/recorded_flight.yaml -o {out} --set tuning=none --se
 _OPTIMIZE = "-o {out} --set effort=1 --set pseudolites=[1]"
 CASES = {
     **{name: f"run scenarios/{name}.yaml -o {{out}} --runs 2 {_BRIEF}" for name in _LANDINGS},
+    **{name: f"run scenarios/{name}.yaml -o {{out}} --runs 2 {_BRIEF} --set events.0.at_s=3" for name in _BEACONS},
     "odense": "run scenarios/odense.yaml -o {out} --set receiver.rate_hz=1",
     **{f"loose-{kind}": f"{_LANDING} --runs 2 --set filter.kind={kind}" for kind in _FILTERS},
     **{f"tight-{kind}": f"{_SMOOTH} --runs 2 {_TIGHT} --set filter.kind={kind}" for kind in _FILTERS},

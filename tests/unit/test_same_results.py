@@ -8,9 +8,13 @@ import h5py
 import numpy as np
 import pytest
 
+from navsim.runner.opening import checked
+from tests.conftest import SCENARIOS
 from tests.helpers import load_script
 
 same_results = load_script("same_results")
+
+_FLOWN = [name for name, line in same_results.CASES.items() if line.startswith("run ")]
 
 
 def made(file: Path, value: float = 1.0, path: str = "/front/merit", created: str = "today") -> Path:
@@ -49,3 +53,15 @@ def test_printed_tables_are_compared(b: str | None, found: list[str], tmp_path: 
         if text:
             (tmp_path / side / "chi2.txt").write_text(text)
     assert same_results.compare(tmp_path / "a", tmp_path / "b", ["chi2"]) == found
+
+
+@pytest.mark.parametrize("name", _FLOWN)
+def test_the_input_of_each_landing_is_valid(name: str) -> None:
+    """A case that exits with an error in both checkouts compares nothing."""
+    words = next(same_results.commands(name))
+    settings = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
+    checked(SCENARIOS.parent / words[1], settings)
+
+
+def test_both_landings_by_beacons_are_compared() -> None:
+    assert {"beacons_pad", "beacons_uav"} <= same_results.CASES.keys()
