@@ -53,7 +53,7 @@ def plausibility_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
     return [
         *_lever_arms(scenario), *_drifts(scenario), *_speeds(scenario), *_wind(scenario, trajectory),
         *_undulation(scenario, trajectory), *_free_clocks(scenario), *_beacons(scenario), *_repeated_noise(scenario),
-        *_errors_beyond_levels(scenario), *_clock_in_seconds(scenario),
+        *_errors_beyond_levels(scenario), *_levels_of_others(scenario), *_clock_in_seconds(scenario),
     ]  # fmt: skip
 
 
@@ -126,6 +126,17 @@ def _errors_beyond_levels(scenario: Landing) -> Iterator[str]:
         yield (
             f"integrity: no level contains the errors of {' and '.join(last)}, so the levels are too low. Declare "
             "their size by signals.errors instead, which levels of mhss contain"
+        )
+
+
+def _levels_of_others(scenario: Landing) -> Iterator[str]:
+    """Levels of the receiver's fixes beside a filter that uses no fixes."""
+    section = scenario.integrity
+    if section is not None and scenario.monitored and scenario.filter.tight and section.method in ("mhss", "chi2"):
+        yield (
+            f"integrity.method: levels and alarms of {section.method} are those of the receiver's fixes, which the "
+            "filter doesn't use with filter.coupling: tight. No level bounds its errors; write filter.coupling: loose, "
+            "or integrity.method: filter if no errors of pseudolites last"
         )
 
 

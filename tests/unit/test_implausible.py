@@ -63,6 +63,20 @@ def test_free_clocks(setting: str, cause: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("given", "times"),
+    [(["integrity.method=mhss", "filter.coupling=tight"], 1),
+     (["integrity.method=chi2", "filter.coupling=tight", "method=covariance"], 1),
+     (["integrity.method=mhss"], 0), (["integrity.method=chi2"], 0), (["filter.coupling=tight"], 0),
+     (["integrity.method=filter", "filter.coupling=tight", "filter.fix_errors=inflate"], 0)],
+)  # fmt: skip
+def test_levels_of_fixes_that_the_filter_does_not_use(given: list[str], times: int) -> None:
+    """`validate`, runs and covariance analysis say once that they don't bound a tight filter."""
+    every = given if "filter.fix_errors=inflate" not in given else [*given, "signals.preset=open-sky"]
+    for warnings in (checked(SCENARIOS / "landing_smooth.yaml", every)[2], case(*every, name="landing_smooth").warnings):
+        assert sum("No level bounds its errors" in text for text in warnings) == times
+
+
+@pytest.mark.parametrize(
     ("given", "text"),
     [(["filter.kind=observability-constrained"], "its sigma of heading is far too small with beacons"),
      (["filter.gate.probability=0"], "0.02 of the ranges of the beacons are outliers, which"),
