@@ -306,9 +306,12 @@ def _problem(model: type[Section], document: Document, error: dict[str, Any]) ->
             return Problem(place, key, "unknown key; " + hint(str(path[-1]), choices))
         if isinstance(given, str) and given in choices:  # a number in quotation marks
             return Problem(place, key, f"a number is needed, not the text {given!r}; allowed: {', '.join(choices)}")
-        # no number is nearest to another by its digits
-        hinted = isinstance(given, str) and path[-1] != "operation"  # another operation has weaker limits
-        said = hint(str(given), choices) if hinted else f"allowed: {', '.join(choices)}"
+        said = f"allowed: {', '.join(choices)}"
+        if path[-1] == "operation":  # another operation has weaker limits
+            same = [one for one in choices if _spelling(one) == _spelling(str(given))]
+            said = "".join(f"did you mean '{one}'? " for one in same) + said
+        elif isinstance(given, str):  # no number is nearest to another by its digits
+            said = hint(given, choices)
         return Problem(place, key, f"{_as_written(given)} is not allowed; {said}")
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         return Problem(place, key, _section_needed(model, error["loc"], error.get("input")))
@@ -501,6 +504,15 @@ _OTHER_WORDS = {"msl": "geoid", "amsl": "geoid", "sea level": "geoid", "wgs84": 
                 "hae": "ellipsoid", "localizer": "azimuth_station", "localiser": "azimuth_station",
                 "glide_path": "elevation_station", "glidepath": "elevation_station"}  # fmt: skip
 """Words of other tools, and navsim's own for them."""
+
+
+_DIGIT = re.compile(r"(?<!\d)[123]$")
+"""Number of a category at the end of a word, CAT 1, that navsim writes in Roman digits, CAT-I."""
+
+
+def _spelling(word: str) -> str:
+    """A word without what tells no two operations apart: capitals, blanks, dashes, the sort of digits."""
+    return _DIGIT.sub(lambda digit: "i" * int(digit[0]), re.sub(r"[\s_-]", "", word.lower()))
 
 
 def hint(given: str, allowed: list[str]) -> str:

@@ -424,7 +424,7 @@ def _built(text: str, document: Document, place: Callable[[int, int], Place]) ->
     except _Refused as error:
         raise InputError([Problem(of(error.problem_mark), "", str(error.problem))]) from None
     except yaml.MarkedYAMLError as error:
-        mark, message = _misread(error)
+        mark, message = _misread(error, text)
         raise InputError([Problem(of(mark), "", f"not YAML: {message}")]) from None
     except yaml.reader.ReaderError as error:
         before = text[: error.position]
@@ -442,11 +442,21 @@ _OPENED = {
     "while scanning a quoted scalar": "the quotation mark here has no second one",
 }
 """Contexts in which PyYAML misses an end, and their explanation."""
+_NO_COLON = "there is no colon here: write `key: value`"
 
 
-def _misread(error: yaml.MarkedYAMLError) -> tuple[yaml.Mark | None, str]:
-    """Place and reason of a YAML error: for an unclosed item its start, since the parser notices only further down."""
+def _misread(error: yaml.MarkedYAMLError, text: str) -> tuple[yaml.Mark | None, str]:
+    """Place and reason of a YAML error in a text: for an unclosed item, or a key without a colon, its start, since the
+    parser notices only further down."""
     begun, noticed = error.context_mark, error.problem_mark
+    if error.context == "while scanning a simple key" and begun is not None:
+        return begun, _NO_COLON
+    if str(error.problem).startswith(("mapping values", "expected '<document start>'")) and noticed is not None:
+        before = [line.partition(" #")[0].strip() for line in text.splitlines()[: noticed.line]]
+        number = max((i for i, line in enumerate(before) if line and not line.startswith("#")), default=None)
+        if number is not None and ":" not in before[number]:
+            column = text.splitlines()[number].index(before[number])
+            return yaml.Mark("", 0, number, column, None, 0), _NO_COLON
     if "\\t" in str(error.problem):
         return noticed, "a tab is not allowed here: write spaces instead"
     opened = _OPENED.get(error.context or "")

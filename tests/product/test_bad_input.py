@@ -133,6 +133,10 @@ WHOLE_FILES: list[tuple[str, bytes, list[str]]] = [
     ("a list", b"- kind: landing\n", ["s.yaml:1:1", "mapping"]),
     ("binary", bytes(range(128, 256)), ["s.yaml", "not a text file"]),
     ("two documents", b"kind: landing\n---\nkind: landing\n", ["s.yaml:2:", "not YAML"]),
+    ("no colon", b"kind: landing\npseudolites:\n  s_m 300\n  l1_m: 1\n", ["s.yaml:3:3", "there is no colon here"]),
+    ("no colon in the first line", b"version 1\n\n# landing\nkind: landing\n", ["s.yaml:1:1", "no colon here"]),
+    ("no colon in a list", b"kind: landing\nevents:\n  - what step\n    at_s: 3\n", ["s.yaml:3:3", "no colon here"]),
+    ("two colons", b"version: 1\nkind: landing: 3\n", ["s.yaml:2:14", "mapping values are not allowed here"]),
     ("tabs", b"kind: landing\nrunway:\n\theading_deg: 0\n", ["s.yaml:3:", "not YAML", "write spaces"]),
 ]
 

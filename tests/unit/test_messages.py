@@ -57,6 +57,12 @@ LANDING = SCENARIOS / "landing.yaml"
         ("integrity={p_pseudolite: monitord}",
          "integrity.p_pseudolite: 'monitord' is not allowed; did you mean 'monitored'? "
          "allowed: monitored, unmonitored"),
+        ("integrity.limits={operation: CAT1, tta_s: 6}",
+         "integrity.limits.operation: 'CAT1' is not allowed; did you mean 'CAT-I'? "
+         "allowed: NPA, APV-I, APV-II, LPV-200, CAT-I, GBAS-D"),
+        ("integrity.limits={operation: apv 2, tta_s: 6}",
+         "integrity.limits.operation: 'apv 2' is not allowed; did you mean 'APV-II'? "
+         "allowed: NPA, APV-I, APV-II, LPV-200, CAT-I, GBAS-D"),
         ("integrity.limits={operation: CAT-II, tta_s: 6}",
          "integrity.limits.operation: 'CAT-II' is not allowed; allowed: NPA, APV-I, APV-II, LPV-200, CAT-I, GBAS-D"),
         ("beacons={preset: longrange, sites: [{s_m: 0, l1_m: 0}], rate_hz: 4, range_limit_m: 900}",
