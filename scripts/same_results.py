@@ -58,8 +58,8 @@ _GRID = "--set vary.1.grid.count=2 --set vary.2.grid.count=2"
 _SWEEP = f"""sweep scenarios/placement_sweep.yaml -o {{out}} {_GRID}
     --set 'set={{pseudolites.frame: runway, duration_s: 61, receiver.rate_hz: 1}}'"""
 _LANDINGS = (
-    "landing", "circuit", "landing_gnss_only", "landing_open_sky", "landing_smooth", "s_turn", "table2", "table2_almanac",
-    "table2_row1", "table2_weighted", "track",
+    "landing", "circuit", "landing_gnss_only", "landing_open_sky", "landing_smooth", "s_turn", "table2",
+    "table2_almanac", "table2_row1", "table2_weighted", "track",
 )  # fmt: skip
 _BEACONS = ("beacons_pad", "beacons_uav")
 _FILTERS = ("tfg", "eskf", "left-invariant", "gaussian-sum", "rts", "map")

@@ -52,7 +52,7 @@ def plausibility_warnings(scenario: Landing, trajectory: Moving) -> list[str]:
     """Warnings of values that no aircraft, sensor, wind or runway has."""
     return [
         *_lever_arms(scenario), *_drifts(scenario), *_speeds(scenario), *_wind(scenario, trajectory),
-        *_undulation(scenario, trajectory), *_free_clocks(scenario), *_beacons(scenario), *_repeated_noise(scenario),
+        *_undulation(scenario, trajectory), *free_clocks(scenario), *_beacons(scenario), *_repeated_noise(scenario),
         *_errors_beyond_levels(scenario), *_levels_of_others(scenario), *_clock_in_seconds(scenario),
     ]  # fmt: skip
 
@@ -150,7 +150,7 @@ def _clock_in_seconds(scenario: Landing) -> Iterator[str]:
         )
 
 
-def _free_clocks(scenario: Landing) -> Iterator[str]:
+def free_clocks(scenario: Landing) -> Iterator[str]:
     """Clocks of pseudolites that leave their setting by more than fixes that are weighted each for itself make use
     of."""
     section, monitor = scenario.pseudolites, scenario.integrity if scenario.monitored else None

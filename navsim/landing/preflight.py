@@ -18,6 +18,7 @@ from navsim.geodesy.earth import ecef_from_llh, in_heading_axes
 from navsim.gnss.constellations.systems import CLOCKS, first_time_scale
 from navsim.gnss.events import EVERY
 from navsim.gnss.interference.horizon import Terrain, flown_under
+from navsim.landing.clock_gain import clock_gain_warnings
 from navsim.landing.plausibility import one_direction, plausibility_warnings
 from navsim.scenario.approach import FileApproach
 from navsim.scenario.box import BoxSection
@@ -75,6 +76,7 @@ class PreflightChecks:
         """Warnings about the input besides the sky: no touchdown, a box before any fix, sources that are never
         tracked."""
         out = trajectory_warnings(self.scenario, self.trajectory)
+        out += clock_gain_warnings(self.scenario, self.trajectory, self.signals)
         if self.scenario.box is not None and (self.outputs[1:2] > (when := self.box_time)).any():
             out.append(
                 f"box.height_m: {self.scenario.box.height_m:g} m above the runway are passed at {when:.2f} s, before "
