@@ -16,7 +16,7 @@ from navsim.report.table import ABSENT, Cell, Table, cell, interval, number
 from navsim.report.view import View, one_by_one
 from navsim.results.findings import several
 from navsim.results.result import Result, scenario_of
-from navsim.results.schema import FILTER_QUANTITIES, LARGE
+from navsim.results.schema import FILTER_QUANTITIES, LARGE, MET, NOT_MET, UNDECIDED
 from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
@@ -85,9 +85,9 @@ def tables(result: Result) -> list[Table | str]:
         evaluations = cell(tried, int(result["/pareto/evaluations"][i]))
         on = (("yes" if result["/pareto/on_front"][i] else "no"),) if costs else ()
         front.add(row_of(result, i), number(value, 4), gain, *dops, evaluations, room, *on,
-                  *((_met(result["/pareto/met"][i]),) if judged else ()))  # fmt: skip
+                  *((_met(result["/pareto/met"][i], runs_verdict(result, i)),) if judged else ()))  # fmt: skip
     if judged:
-        front.notes = _fewest(placed(result), int(result["/pareto/fewest"]))
+        front.notes = _fewest(result)
         if costs and np.isfinite(result["/pareto/cheapest"]):
             front.notes += f"; the least cost: {result['/pareto/cheapest']:.6g}"
     front.notes = "\n".join(filter(None, (front.notes, *_ideal(result))))
@@ -179,22 +179,37 @@ def _ideal(result: Result) -> list[str]:
     return notes
 
 
-def _met(flag: np.ndarray) -> str:
-    return "met" if flag else "not met"
+def runs_verdict(result: Result, i: int) -> str:
+    """Verdict of the runs of the i-th placement on all requirements; "" without runs."""
+    path = "/flown/requirements/verdict"
+    each = set(result[path][i].tolist()) if path in result else {""}
+    return next(word for word in ("", NOT_MET, UNDECIDED, MET) if word in each)
 
 
-def _fewest(what: str, number: int) -> str:
-    """With how many of what is placed requirements are met, in words."""
+def _met(flag: np.ndarray, by_runs: str = "") -> str:
+    """Whether requirements are met by analysis, and by the runs."""
+    if not flag:
+        return "not met"
+    return "met" if by_runs == MET else "met by analysis"
+
+
+def _fewest(result: Result) -> str:
+    """With how many of what is placed requirements are met by analysis, and the verdicts of runs from there on, in
+    words."""
+    what, number = placed(result), int(result["/pareto/fewest"])
     if number < 0:
         return f"no placement found meets the requirements, for any number of {what}"
-    return f"the fewest {what} with which the requirements are met: {number}"
+    met = np.flatnonzero((result["/pareto/met"] > 0) & (result["/pseudolites"] >= number))
+    runs = "; ".join(f"{row_name(result, i)} {runs_verdict(result, i) or 'not simulated'}" for i in met.tolist())
+    text = f"by analysis, the fewest {what} with which the requirements are met: {number}"
+    return f"{text}\nby runs: {runs}" if runs else text
 
 
 def requirements(result: Result) -> Table:
     """Every requirement with each number of pseudolites: verdict, value, and margin."""
     counts = [several(0, placed(result)[:-1]), *(row_name(result, i) for i in range(result["/pseudolites"].size))]
     heads = ("requirement", "limit", *counts)
-    out = Table("Requirements: verdict, value, margin to the required size", heads)
+    out = Table("Requirements by analysis: verdict, value, margin to the required size", heads)
     branch = "/requirements"
     for k, statement in enumerate(result[f"{branch}/statement"]):
         cells = []
@@ -249,7 +264,11 @@ def best_plain(result: Result) -> dict[str, Any]:
                 for k in range(int(count))
             ],
             **(
-                {"met": bool(result["/pareto/met"][i]), "requirements": _requirements_plain(result, i)}
+                {
+                    "met": bool(result["/pareto/met"][i]),
+                    "met_by_runs": runs_verdict(result, i) or None,
+                    "requirements": _requirements_plain(result, i),
+                }
                 if judged
                 else {}
             ),
@@ -484,7 +503,7 @@ def front(result: Result) -> Figure:
     if (met := of.met) is not None:
         ax.plot(of.x[~met], of.value[~met], "x", color=COLOURS[1], ms=9, label="requirements not met", clip_on=False)
         fewest = int(result["/pareto/fewest"])
-        title = f"requirements met with {fewest}" if fewest >= 0 else "requirements met with none"
+        title = f"requirements met by analysis with {fewest}" if fewest >= 0 else "requirements met with none"
     legend_above(fig, ax, 1, title)
     ax.set_ylim(bottom=0.0)
     ax.set_xlabel(of.label)

@@ -192,7 +192,9 @@ def test_requirements_are_told_with_every_number(folder: Path) -> None:
     assert set(result["/requirements/verdict"][:, 1]) == {"undecided"}
     assert result["/requirements/decided"].tolist() == [1, 0]
     assert f"(margin {100 * (1 - used[1]):.1f} %)" in done.stdout
-    assert "the fewest pseudolites with which the requirements are met: 2" in done.stdout
+    assert "by analysis, the fewest pseudolites with which the requirements are met: 2" in done.stdout
+    assert "by runs: 2 pseudolites undecided; 3 pseudolites undecided" in done.stdout, "8 runs decide no risk of 1e-6"
+    assert done.stdout.count("  met by analysis") == 2
     assert "only runs decide (use `navsim run`): risk of hazardously misleading information" in done.stderr
     assert (
         "1 pseudolite: no placement meets the requirements (every choice of sites was tried); the nearest"
@@ -207,6 +209,7 @@ def test_requirements_are_told_with_every_number(folder: Path) -> None:
     data = json.loads(navsim("show", "judged.h5", "--json", cwd=folder).stdout)
     assert data["fewest"] == 2
     assert [one["met"] for one in data["placements"]] == [False, True, True]
+    assert [one["met_by_runs"] for one in data["placements"]][1:] == ["undecided", "undecided"]
     assert data["placements"][0]["requirements"][0]["verdict"] == "not met"
 
 
@@ -231,7 +234,11 @@ def test_requirements_that_need_no_pseudolites(folder: Path) -> None:
     limit = "set.requirements=[{what: level, of: vpl, below_m: 80}]"
     one = ("--set", "pseudolites=[1]", *FEW)
     done = navsim("optimize", judged(folder), *one, "--set", limit, "-o", "n.h5", "--figures", "none", cwd=folder)
-    assert "the fewest pseudolites with which the requirements are met: 0" in done.stdout
+    assert "by analysis, the fewest pseudolites with which the requirements are met: 0" in done.stdout
+    assert "by runs: 1 pseudolite met" in done.stdout
+    unflown = navsim("optimize", judged(folder), "--set", "pseudolites=[1]", "--runs", 0, "--set", limit, "-o", "n.h5",
+                     "--figures", "none", cwd=folder)  # fmt: skip
+    assert "by runs: 1 pseudolite not simulated" in unflown.stdout
 
 
 @pytest.mark.parametrize(
