@@ -346,6 +346,8 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     for e in alternatives:
         alike.setdefault("imu.axes" if "imu.axes" in e.remedy else f"{e.remedy} {e.seems}", e)
     unique = sorted(alike.values(), key=lambda e: (not _of_usual_latency(e), LEAP not in e.seems, e.square))[:3]
+    if _of_usual_latency(unique[0]):
+        unique = [e for e in unique if not _is_alias(e, unique[0])]
     evidence = _evidence(home, float(levels[0]), unique[0])
     remedies = tuple(e.remedy for e in unique if not (log.sentences and e.fit.hypothesis.reading))
     mistake = Mistake(evidence, " or ".join(e.seems for e in unique), remedies, "gnss")
@@ -354,12 +356,25 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
 
 _ALIKE = 1.3
 """Mean squares of explanations within this factor are alike."""
+_TIME_SCALES = (18.0, 19.0, 37.0)
+"""Differences between UTC, GPS time and TAI, s."""
+_SAME_SHIFT = 0.5
+"""Offsets closer than this are one, s: the clocks are searched in steps of it."""
 _OF_TIMES = {"gnss.time_offset_s", "gnss.latency_s"}
 
 
 def _of_usual_latency(explanation: _Explanation) -> bool:
     """Whether it replaces a given latency by a usual one, which is likelier than clocks that are off."""
     return abs(explanation.remedy.get("gnss.latency_s", np.inf)) <= USUAL_LATENCY
+
+
+def _is_alias(explanation: _Explanation, latency: _Explanation) -> bool:
+    """Whether it shifts the times by a period of the motion beside a usual latency, and by no difference of time
+    scales."""
+    shift = explanation.fit.hypothesis.offset - latency.fit.hypothesis.offset
+    if "gnss.time_offset_s" not in explanation.remedy:
+        return False
+    return abs(shift) > _SAME_SHIFT and not any(abs(abs(shift) - scale) <= _SAME_SHIFT for scale in _TIME_SCALES)
 
 
 def _turns_forward(explanation: _Explanation) -> bool:

@@ -1466,8 +1466,8 @@ _OPTIMIZE = Chapter(
         _a("/pareto/met", "pseudolites", "1", "1: all decidable requirements are met", OPTIMIZE,
            WHOLE, when=_MEETING),
         _a("/pareto/met_without", "", "1", "the same without pseudolites", OPTIMIZE, WHOLE, when=_MEETING),
-        _a("/pareto/fewest", "", "1", "fewest pseudolites with which they are met, 0 if none are needed, -1 if no "
-           "number is enough", OPTIMIZE, WHOLE, when=_MEETING),
+        _a("/pareto/fewest", "", "1", "fewest pseudolites with which they are met by analysis, 0 if none are "
+           "needed, -1 if no number is enough", OPTIMIZE, WHOLE, when=_MEETING),
         _a("/pareto/cheapest", "", "1", "least cost with which they are met, nan if none is enough", OPTIMIZE,
            when=f"{_MEETING}, {_COSTING}"),
         *(

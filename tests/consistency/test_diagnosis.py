@@ -681,3 +681,13 @@ def test_each_mistake_that_a_motorway_shows_is_named(name: str, comma: tuple[Sam
     if name in SHOWN_BY_A_MOTORWAY or found:
         assert len(found) == 1
         assert BY_NAME[name].remedy in found[0]
+
+
+@pytest.mark.parametrize(("given", "shift"), [(-1.0, -1.0), (2.0, 2.0)])
+def test_a_wrong_latency_is_no_period_of_the_motion(given: float, shift: float) -> None:
+    """Turns that repeat themselves fit clocks that are 30 s further off, too, which a usual latency makes unlikely."""
+    samples, fixes = weaving()
+    (found,) = diagnose(Log(samples, fixes, latency=given))
+    assert found.remedies == ({"gnss.latency_s": 0.0}, {"gnss.time_offset_s": shift})
+    (found,) = diagnose(Log(samples, replace(fixes, time=fixes.time + 18.0), latency=0.1))
+    assert {"gnss.time_offset_s": -18.0} in found.remedies
