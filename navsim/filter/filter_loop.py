@@ -48,7 +48,6 @@ from navsim.filter.states import (
     N_BASE,
     NAV_BIAS_FRAME,
     NAV_GYRO,
-    NAV_LLH,
     NAV_QUAT,
     NAV_SENSORS,
     NAV_VEL,
@@ -79,8 +78,8 @@ from navsim.filter.update import (
 
 _NO_NOISE = 1e-30
 """Density of noise of accelerometers that have none, m2/s3: no flight is steady by it."""
-_BEYOND_GAUSSIAN = 3.0
-"""Factor on the variance of the second order of tilt errors: the gate then rejects no fix up to 4 sigma of tilt."""
+_BEYOND_GAUSSIAN = 2.0
+"""Factor on the mean square of the second order of tilt errors: the gate then rejects no fix up to 4 sigma of tilt."""
 
 
 class PropagationBuffers(NamedTuple):
@@ -257,30 +256,33 @@ def advance(chart, until, imu, model, nav, p, cursor, increments, space):
     from `propagation_buffers`.
     """
     while can_advance(imu, until, cursor):
-        if model.tilt_time > 0.0:
-            begin, tilt = cursor[1], small_vector(nav, 3)
-            tilt[0], tilt[1], tilt[2] = p[PHI_N, PHI_N], p[PHI_E, PHI_E], p[PHI_N, PHI_E]
-            advance_once(chart, until, imu, model, nav, p, cursor, increments, space)
-            add_second_order_of_tilt(nav, p, tilt, space.mid[MID_GRAVITY], cursor[1] - begin, model.tilt_time)
-        else:
-            advance_once(chart, until, imu, model, nav, p, cursor, increments, space)
+        advance_filter_once(chart, until, imu, model, nav, p, cursor, increments, space)
+
+
+@kernel_inline
+def advance_filter_once(chart, until, imu, model, nav, p, cursor, increments, space):
+    """`advance_once` of a filter, whose P (n, n) contains the second order of a large tilt error."""
+    begin, tilt = cursor[1], small_vector(nav, 3)
+    tilt[0], tilt[1], tilt[2] = p[PHI_N, PHI_N], p[PHI_E, PHI_E], p[PHI_N, PHI_E]
+    advance_once(chart, until, imu, model, nav, p, cursor, increments, space)
+    if model.tilt_time > 0.0:
+        add_second_order_of_tilt(p, tilt, space.mid[MID_GRAVITY], cursor[1] - begin, model.tilt_time)
 
 
 @kernel
-def add_second_order_of_tilt(nav, p, tilt, gravity, dt, time):
-    """Add the downward acceleration that F omits of a tilt error: gravity times half its square, over dt (s).
+def add_second_order_of_tilt(p, tilt, gravity, dt, time):
+    """Add to P (n, n) the downward acceleration that F omits of a tilt error: gravity times half its square, over dt
+    (s).
 
-    tilt (3,): variances of the tilt errors about north and east and their covariance, rad2. nav (NAV,) moves by the
-    mean. P (n, n) grows by three times the covariance: with equal variances the omitted part is exponential, so a
-    Gaussian of its own covariance would be too narrow far out. The tilt error stays the same for `time` (s), until
-    fixes show it; a white noise gives the velocity the same variance at that time. Source: `docs/theory/filter.md`,
-    section 3.
+    tilt (3,): variances of the tilt errors about north and east and their covariance, rad2. The acceleration stays the
+    same for `time` (s), until fixes show the tilt error; a white noise gives the velocity the same variance at that
+    time. Its density has twice the mean square for equal variances, whose acceleration is exponential: a Gaussian
+    of its own mean square would be too narrow far out. Source: `docs/theory/filter.md`, section 3.
     """
     n, e, both = tilt[0], tilt[1], tilt[2]
-    mean, variance = 0.5 * gravity * (n + e), 0.5 * gravity * gravity * (n * n + e * e + 2.0 * both * both)
-    density = _BEYOND_GAUSSIAN * variance * time
-    nav[NAV_VEL + 2] += mean * dt
-    nav[NAV_LLH + 2] -= 0.5 * mean * dt * dt
+    # fourth moments of a Gaussian
+    square = 0.25 * gravity * gravity * (3.0 * n * n + 3.0 * e * e + 2.0 * n * e + 4.0 * both * both)
+    density = _BEYOND_GAUSSIAN * square * time
     p[V_D, V_D] += density * dt
     p[R_D, R_D] += density * dt * dt * dt / 3.0
     p[R_D, V_D] += 0.5 * density * dt * dt

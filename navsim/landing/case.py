@@ -377,9 +377,10 @@ def _tilt_time(scenario: Landing, sigma: float) -> float:
     if flagged is not None:
         _, height, speed = np.nanmin(flagged, axis=0)
     force = STANDARD_GRAVITY * sigma**2
-    small = 0.5 * force * time**2 < _SMALL * height
+    most = _SMALL * scenario.filter.fix_sigma_scale
+    small = 0.5 * force * time**2 < most * height
     if scenario.filter.velocity:
-        small &= force * time < _SMALL * speed
+        small &= force * time < most * speed
     return 0.0 if small else time
 
 
