@@ -205,7 +205,7 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
     ),
     "tuning by likelihood": (
         "Position and biases by recorded two-way ranges of UWB anchors",
-        "Residuals and clock rates by recorded pseudoranges of five free clocks",
+        "Residuals (geometric mean of sources), clock rates by pseudoranges of five free clocks",
     ),
     "elevation on an MLS approach": (
         "Covariance and gain of the elevation filter, step by step", "Steady state of the elevation filter",

@@ -25,13 +25,13 @@ from tests.made import EVERY
 
 def test_every_judge_is_a_test_and_every_test_a_judge() -> None:
     """The table in the package is that of the oracle tests, which write `docs/validation.md`."""
-    rows = [cells for _, cells in rows_of("validation.md")]
+    rows = [cells for _, cells in rows_of("validation.md") if len(cells) > 1]
     claims = {cells[0] for cells in rows}
     told = {claim for group in JUDGES.values() for claim in group}
     assert told == claims
     assert set(JUDGES) <= {method.name for method in METHODS}
     page = (Path(__file__).parents[2] / "docs" / "validation.md").read_text(encoding="utf-8")
-    assert [part for part in UNCHECKED if f"\n- {part}\n" not in page] == []
+    assert [part for part in UNCHECKED if f"\n| {part} |\n" not in page] == []
     sources = "\n".join(path.read_text() for path in (Path(__file__).parents[1] / "oracle").glob("test_*.py"))
     assert [cells[3] for cells in rows if f"def {cells[3].strip('`')}(" not in sources] == []
 
