@@ -237,9 +237,8 @@ def results(labels: Sequence[str], found: Sequence[Judged]) -> list[str]:
         f"The mixture predicts {predicted.min():.2f} to {predicted.max():.2f} %, runs show {observed.min():.2f} to "
         f"{observed.max():.2f} %. Where their excess over {NOMINAL} % is",
         f"beyond chance (2 sigma), the mixture explains {consistency.span(parts)} % of it. The cause of the rest is "
-        "unknown. At times with one",
-        f"component there is no mixture, and {alone.min():.2f} to {alone.max():.2f} % of the errors exceed the limit: "
-        "the mixture isn't the main cause.",
+        "unknown: with one",
+        f"component, hence without a mixture, {alone.min():.2f} to {alone.max():.2f} % exceed the limit, too.",
         f"Errors beyond their own mixture are too frequent by more than chance in: {own or 'no case'}.",
         "",
     ]
@@ -250,8 +249,7 @@ INTRODUCTION = """# Large errors of the default filter, and its mixture
 NEES judges an error by one mean and covariance. The default filter's density is a [mixture](theory/gaussian-sum.md).
 If the mixture is the posterior, its samples exceed the 99.9 % limit of NEES as often as the errors do.
 
-Times and seeds are those of [consistency](filter-consistency.md). Each of the seeds has a third of a row's runs, its
-first ones.
+Times, seeds and first runs are those of [consistency](filter-consistency.md).
 
 """
 COLUMNS = f"""

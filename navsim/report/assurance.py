@@ -58,7 +58,7 @@ _SEPARATION = (
 )  # fmt: skip
 _AIR = (
     "Dryden turbulence: spectrum",
-    "Dryden turbulence: error of the handbook's difference equation, which navsim does not use",
+    "Dryden turbulence: the spectrum's test finds the error of a handbook's difference equation",
     "Dryden turbulence: variance", "Dryden turbulence: scales and sigmas",
     "Dryden turbulence: spectra of both specifications agree", "Dryden turbulence: autocorrelation",
     "Exact discretisation of Dryden turbulence", "Variance of a gust behind a first-order lag",

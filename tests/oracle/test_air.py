@@ -70,7 +70,7 @@ def test_spectrum_of_turbulence(transverse: bool, within: Within) -> None:
     assert np.abs(ratios(samples, transverse) - 1.0).max() < within["spectrum"]
 
 
-@pytest.mark.validates("Dryden turbulence: error of the handbook's difference equation, which navsim does not use",
+@pytest.mark.validates("Dryden turbulence: the spectrum's test finds the error of a handbook's difference equation",
                        "spectrum of MIL-STD-1797A's", ratio="0.1 %")  # fmt: skip
 def test_difference_equation_fails(known: dict[str, Any], within: Within) -> None:
     """That of MIL-STD-1797A has a spectrum of first order: what the test above is there to find."""
