@@ -20,7 +20,7 @@ from navsim.compiler.lanes import fma
 from navsim.compiler.linear import copy, copy_matrix, identity
 from navsim.filter.covariance import gain, joseph, propagate_covariance, propagate_markov_states
 from navsim.filter.error_parametrisation import PLAIN
-from navsim.filter.filter_loop import advance_filter_once, can_advance, propagation_buffers, start_mechanisation
+from navsim.filter.filter_loop import advance_once, can_advance, propagation_buffers, start_mechanisation
 from navsim.filter.interval import add_driven, add_white
 from navsim.filter.measurement_models import observe
 from navsim.filter.records import OUTPUT, PASS, TIME_TOLERANCE, Events
@@ -155,7 +155,7 @@ def _interval(until, imu, model, markov, noises, nav, p, cursor, increments, spa
             for j in range(N_BASE):
                 added[a, i, j] = 0.0
     while can_advance(imu, until, cursor):
-        advance_filter_once(PLAIN, until, imu, model, nav, p, cursor, increments, space)
+        advance_once(PLAIN, until, imu, model, nav, p, cursor, increments, space)
         _propagate_errors(space.phi, space.sums.decay, errors, work)
         _propagate_noises(space, markov, noises, of_markov, by, added)
 

@@ -232,7 +232,8 @@ class FixErrors:
         found = most[:, ::-1][:, :SUMS]
         left, _, right = np.linalg.svd(told[0] @ found)
         found = found @ right.T
-        found[:, :3] = found[:, :3] @ left.T
+        if found.shape[1] >= 3:  # fewer sources have fewer sums, in no such order
+            found[:, :3] = found[:, :3] @ left.T
         out[heard, : found.shape[1]] = found
         return out
 

@@ -527,8 +527,10 @@ def test_an_error_of_the_filter_is_the_landings_own(
         with pytest.raises(InputError, match="has no value"):
             objective.problem(*study)
         return
-    # sources that are never heard are left out of it: sums are rounded otherwise
-    assert objective.problem(*study).objective(np.array([places]))[0] == pytest.approx(expected, rel=1e-9)
+    # sources that are never heard are left out of it: sums are rounded otherwise, and a flight that hardly has a fix
+    # enlarges the difference with its errors
+    rounding = 1e-9 if expected < 100.0 else 1e-6
+    assert objective.problem(*study).objective(np.array([places]))[0] == pytest.approx(expected, rel=rounding)
 
 
 BEACON = st.fixed_dictionaries(
