@@ -22,7 +22,16 @@ import numpy as np
 
 from navsim.formats import rinex_write, simulated_log
 from navsim.formats.conventions import KNOT
-from navsim.formats.export_maps import origin_text, route_at, true_antenna, undulation_of, write_geojson, write_kml
+from navsim.formats.export_maps import (
+    origin_text,
+    ranges_llh,
+    ranges_output,
+    route_at,
+    true_antenna,
+    undulation_of,
+    write_geojson,
+    write_kml,
+)  # fmt: skip
 from navsim.formats.fas import write_fas
 from navsim.formats.simulated_log import FIX_ERROR, RANGE_ERROR
 from navsim.geodesy import earth
@@ -45,6 +54,7 @@ def export(result: Result, target: Path, formats: list[str], ensemble: Result | 
     - Of a landing: "rinex", "nmea", "csv", "imu", "motion", "fas", "kml", "geojson". Of an ensemble, it writes the run
       of `choose_run`.
     - Of a replay: "csv", "kml", "geojson". Of a sweep or an optimisation: "kml", "geojson".
+    - Of recorded ranges: "csv"; if the sources have geodetic positions, also "kml", "geojson".
 
     ensemble: the whole ensemble, whose errors at heights go into the tables.
 
@@ -59,11 +69,14 @@ def export(result: Result, target: Path, formats: list[str], ensemble: Result | 
                    "motion": _motion, "fas": write_fas}  # fmt: skip
     elif kind == "replay":
         writers = {"csv": _replay_csv, "kml": write_kml, "geojson": write_geojson}
+    elif kind == "ranges":
+        writers = {"csv": _ranges_csv, "kml": write_kml, "geojson": write_geojson}
     elif kind in ("optimize", "sweep"):
         writers = {"kml": write_kml, "geojson": write_geojson}
     else:
         raise ResultError(
-            f"only landings, replays, sweeps and searches for placements are exported, this is a result of kind {kind}"
+            "only landings, replays, recorded ranges, sweeps and searches for placements are exported, this is a "
+            f"result of kind {kind}"
         )
     for name in formats:
         if name not in writers:
@@ -523,6 +536,22 @@ def _replay_csv(result: Result, target: Path) -> dict[Path, str]:
         target.with_name(f"{target.stem}_flight.csv"): flight,
         target.with_name(f"{target.stem}_innovations.csv"): _table(heads, rows),
     }
+
+
+def _ranges_csv(result: Result, target: Path) -> dict[Path, str]:
+    """The trajectory from recorded ranges with its sigmas: that of the smoother if the result has one."""
+    group = ranges_output(result)
+    columns = [result[f"/{group}/{name}"] for name in ("position", "position_sigma", "velocity", "velocity_sigma")]
+    forms = ("{}_m", "sigma_{}_m", "v{}_m_s", "sigma_v{}_m_s")
+    head = ["t_s", *(form.format(axis) for form in forms for axis in "xyz")]
+    table = np.column_stack([result["/time"], *columns])
+    rows = [[f"{row[0]:.4f}", *(_cell(x, 9) for x in row[1:])] for row in table]
+    if "/sources/origin_llh" not in result:
+        return {target.with_name(f"{target.stem}_flight.csv"): _table(head, rows)}
+    llh = ranges_llh(result, columns[0])
+    llh[:, :2] = np.degrees(llh[:, :2])
+    rows = [[*row, *(f"{x:.12g}" for x in place)] for row, place in zip(rows, llh, strict=True)]
+    return {target.with_name(f"{target.stem}_flight.csv"): _table([*head, "lat_deg", "lon_deg", "h_m"], rows)}
 
 
 # --- NMEA

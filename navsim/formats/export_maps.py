@@ -56,6 +56,23 @@ def true_antenna(result: Result, time: np.ndarray | None = None) -> np.ndarray:
     return earth.ecef_from_llh(llh) + np.einsum("eij,ei->ej", earth.ned_matrix(llh), lever)
 
 
+def ranges_output(result: Result) -> str:
+    """Group of the trajectory of recorded ranges: "smoother" if the result has it, otherwise "filter"."""
+    return "smoother" if "/smoother/position" in result else "filter"
+
+
+def ranges_llh(result: Result, position: np.ndarray) -> np.ndarray:
+    """Geodetic coordinates, rad, rad, m (n, 3), of positions (n, 3), m, in the axes of the sources.
+
+    Raises ResultError if the positions of the sources are not geodetic.
+    """
+    if "/sources/origin_llh" not in result:
+        raise ResultError("the sources have x_m, y_m, z_m, and a map needs lat_deg, lon_deg, h_m: export --csv")
+    origin = result["/sources/origin_llh"]
+    ned = position[:, [1, 0, 2]] * (1.0, 1.0, -1.0)
+    return earth.llh_from_ecef(earth.ecef_from_llh(origin) + ned @ earth.ned_matrix(origin))
+
+
 def _map_features(result: Result) -> list[dict[str, Any]]:
     """Track, error ellipses of fixes, pseudolites, runway, ridges: type, name, coordinates (lon, lat, height), ..."""
     if result.attributes["kind"] == "replay":
@@ -65,6 +82,22 @@ def _map_features(result: Result) -> list[dict[str, Any]]:
         return [
             {"kind": "track", "type": "LineString", "name": name, "coordinates": _lonlat(llh)} for name, llh in path
         ]
+    if result.attributes["kind"] == "ranges":
+        paths = f"/{ranges_output(result)}/position", "/sources/position"
+        llh, sites = (ranges_llh(result, result[path]) for path in paths)
+        track = {"kind": "track", "type": "LineString", "name": "track", "coordinates": _lonlat(llh)}
+        return [track, *(
+            {"kind": "beacon", "type": "Point", "name": str(name), "coordinates": _lonlat(place[None])}
+            for name, place in zip(result["/source"], sites, strict=True)
+        )]  # fmt: skip
+    if result.attributes["kind"] == "ranges":
+        paths = f"/{ranges_output(result)}/position", "/sources/position"
+        llh, sites = (ranges_llh(result, result[path]) for path in paths)
+        track = {"kind": "track", "type": "LineString", "name": "track", "coordinates": _lonlat(llh)}
+        return [track, *(
+            {"kind": "beacon", "type": "Point", "name": str(name), "coordinates": _lonlat(place[None])}
+            for name, place in zip(result["/source"], sites, strict=True)
+        )]  # fmt: skip
     if result.attributes["kind"] == "sweep":
         return [*_combinations(result), *_ridges(result)]
     if result.attributes["kind"] != "landing":

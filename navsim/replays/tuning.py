@@ -71,6 +71,8 @@ DIFFERENCES, LONGEST_STEPS = np.where(TIMES | LENGTHS, 0.3, 0.1), np.where(TIMES
 """Steps for derivatives and longest steps of a search, of all settings as they are searched."""
 SHORTEST_ARM, SURE_ARM = 0.5, 5.0
 """Difference of a lever arm from the one given, m and in its sigma, that is told."""
+OTHER_LATENCIES, OTHER_LATENCY = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5), 0.02
+"""Latencies that are tried with another forward lever arm, s; difference from the tuned one that is told, s."""
 CONVERGED = 0.01
 """A search has converged if the next step would gain less log-likelihood: a seventh of the settings' sigma."""
 MOST_DAMPED = 100.0
@@ -415,24 +417,63 @@ class TuningSearch:
         Innovations that are correlated with those before tell as much as fewer white ones.
         """
         which = np.concatenate([free, LEVER_ARM])
-        x = _searched(best)[which]
-        gradient, information = self._derivatives(x, best, which, now, DIFFERENCES[which])
-        covariance = np.linalg.inv(information)
-        step = -covariance @ gradient
-        of_fixes = slice(now.rejected.size)
-        lag1 = max(0.0, lag1_correlation(now.innovation[of_fixes] / now.sigma[of_fixes]))
-        fewer = (1.0 + lag1) / (1.0 - lag1)
+        gradient, information = self._derivatives(_searched(best)[which], best, which, now, DIFFERENCES[which])
+        fewer = self._fewer(now)
         spread = np.full(SETTINGS, np.nan)
         of_free = np.linalg.inv(information[: free.size, : free.size])  # the lever arm is known
         spread[free] = np.where(TIMES[free], 0.1, 1.0) * np.sqrt(fewer * np.diag(of_free))
         correlation, sigma = np.eye(SETTINGS), np.sqrt(np.diag(of_free))
         correlation[np.ix_(free, free)] = of_free / np.outer(sigma, sigma)
-        change, of_arm = step[-3:], np.sqrt(fewer) * np.sqrt(np.diag(covariance)[-3:])
+        start, there = self._traded(best, now, free)
+        if start is not best:
+            gradient, information = self._derivatives(_searched(start)[which], start, which, there, DIFFERENCES[which])
+        covariance = np.linalg.inv(information)
+        longest = np.where(LENGTHS, np.inf, LONGEST_STEPS)[which]
+        step = np.clip(-covariance @ gradient, -longest, longest)
+        other = _settings(_searched(start)[which] + step, start, which)
+        for setting, bounds in ((LATENCY, SEARCHED), (ERROR_SIZE, SIZES), (ERROR_TIME, CORRELATION_TIMES)):
+            if setting in which:
+                other[setting] = np.clip(other[setting], *bounds)
+        likelier = self.evaluate(other, near=there)
+        if start is not best and there.excess(likelier) > 0.0:
+            other, likelier = start, there
+        change, of_arm = (other - best)[LEVER_ARM], np.sqrt(fewer * np.diag(covariance)[-3:])
         if np.linalg.norm(change) < SHORTEST_ARM or np.all(np.abs(change) < SURE_ARM * of_arm):
             return [], spread, correlation
-        if now.excess(self.evaluate(_settings(x + step, best, which), near=now)) > -LIKELIER * fewer:
+        if now.excess(likelier) > -LIKELIER * fewer:
             return [], spread, correlation
-        return [_of_lever_arm(best[LEVER_ARM], change, of_arm)], spread, correlation
+        late = abs(other[LATENCY] - best[LATENCY]) > OTHER_LATENCY
+        text = _of_lever_arm(best[LEVER_ARM], change, of_arm, float(other[LATENCY]) if late else None)
+        return [text], spread, correlation
+
+    @staticmethod
+    def _fewer(now: _Evaluation) -> float:
+        """Number of correlated innovations that tell as much as one white one."""
+        of_fixes = slice(now.rejected.size)
+        lag1 = max(0.0, lag1_correlation(now.innovation[of_fixes] / now.sigma[of_fixes]))
+        return float((1.0 + lag1) / (1.0 - lag1))
+
+    def _traded(self, best: np.ndarray, now: _Evaluation, free: np.ndarray) -> tuple[np.ndarray, _Evaluation]:
+        """The likeliest settings, and their evaluation, with another latency and the forward lever arm that puts the
+        fixes of the mean speed in the same positions, or without an arm: a wrong arm is hidden by such a latency."""
+        found = best, now
+        if LATENCY not in free:
+            return found
+        flight = self.recording.flight(best, coarse=True)
+        speed = float(np.mean(flight.speed[in_motion(flight, self.recording.moving_speed)]))
+        trials = []
+        for latency in OTHER_LATENCIES:
+            if speed * abs(latency - best[LATENCY]) >= SHORTEST_ARM:
+                trials.append(best.copy())
+                trials[-1][LATENCY] = latency
+                trials[-1][LEVER_ARM[0]] += speed * (latency - best[LATENCY])
+        trials.append(best.copy())
+        trials[-1][LATENCY], trials[-1][LEVER_ARM] = 0.1 * USUAL, 0.0
+        for trial in trials:
+            other = self.evaluate(trial)
+            if now.excess(other) < now.excess(found[1]):
+                found = trial, other
+        return found
 
     def lags(self, values: np.ndarray) -> list[np.ndarray]:
         """Settings with velocities that are older or newer than the positions, either of which keeps its latency."""
@@ -476,15 +517,16 @@ def _first_latency(cost: Callable[[float], float]) -> float:
     return float(min(fine[(fine >= lowest) & (fine <= highest)], key=cost))
 
 
-def _of_lever_arm(given: np.ndarray, change: np.ndarray, sigma: np.ndarray) -> str:
+def _of_lever_arm(given: np.ndarray, change: np.ndarray, sigma: np.ndarray, latency: float | None = None) -> str:
     """Remark on another lever arm (3,), m, by the axes that the motion shows: those where it would tell
-    `SHORTEST_ARM`, or tells a change."""
+    `SHORTEST_ARM`, or tells a change. latency: that with this arm, s, if it differs from the tuned one."""
     is_shown = (SURE_ARM * sigma <= SHORTEST_ARM) | (np.abs(change) >= SURE_ARM * sigma)
     axes = list(zip(("forward", "right", "down"), given + change, sigma, is_shown, strict=True))
+    late = "" if latency is None else f" with a latency of {latency:.2f} s"
     arm = ", ".join(f"{name} {value_text(x, s)} ± {digits(s, 1)}" for name, x, s, known in axes if known)
     hidden = " and ".join(name for name, *_, known in axes if not known)
     return (
-        f"a lever arm of {arm} m (1 sigma) from the IMU to the antenna explains the fixes clearly better than "
+        f"a lever arm of {arm} m (1 sigma) from the IMU to the antenna{late} explains the fixes clearly better than "
         f"[{', '.join(map(digits, given))}] m{f'; the motion does not show {hidden}' if hidden else ''}. Measure it, "
         "and write gnss.lever_arm_m: [forward, right, down]"
     )

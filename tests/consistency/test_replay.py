@@ -27,7 +27,7 @@ from navsim.results.result import Result, Variable
 from navsim.results.schema import REPLAY
 from navsim.scenario.load import read_replay
 from navsim.scenario_files.source import InputError
-from tests.helpers import in_brief
+from tests.helpers import SCENARIOS, in_brief
 from tests.recordings import (
     LATENCY,
     circuit,
@@ -119,6 +119,22 @@ def test_a_wrong_lever_arm_is_told(tmp_path: Path) -> None:
     assert told is not None
     assert float(told[1]) == pytest.approx(-0.2, abs=0.5)
     assert "clearly better than [0.4, 2.3, -0.3] m" in text
+
+
+@pytest.mark.parametrize("forward", [10.0, -10.0, 20.0])
+def test_a_wrong_forward_lever_arm_is_told_though_the_latency_hides_it(forward: float) -> None:
+    """The shipped log, whose arm is 0.4 m forward and whose latency is 0.1 s: at a steady speed another latency hides
+    another arm."""
+    log = SCENARIOS / "recorded_flight.yaml"
+    result = flown(log, f"gnss.lever_arm_m=[{forward}, 0, -0.3]", "outages=[]")
+    assert abs(float(result["/tuning/latency"]) - 0.1) > 0.2
+    (text,) = [text for text in remarks(result) if "lever arm" in text]
+    told = re.search(r"forward (-?[0-9.]+) ± ", text)
+    assert told is not None
+    assert float(told[1]) == pytest.approx(0.4, abs=3.0)
+    late = re.search(r"with a latency of (-?[0-9.]+) s", text)
+    assert late is not None
+    assert float(late[1]) == pytest.approx(0.1, abs=0.1)
 
 
 def test_a_lever_arm_is_told_by_the_axes_that_the_motion_shows() -> None:
