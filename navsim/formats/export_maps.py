@@ -67,7 +67,7 @@ def ranges_llh(result: Result, position: np.ndarray) -> np.ndarray:
     Raises ResultError if the positions of the sources are not geodetic.
     """
     if "/sources/origin_llh" not in result:
-        raise ResultError("the sources have x_m, y_m, z_m, and a map needs lat_deg, lon_deg, h_m: export --csv")
+        raise ResultError("the sources have local positions, and a map needs latitude and longitude: export --csv")
     origin = result["/sources/origin_llh"]
     ned = position[:, [1, 0, 2]] * (1.0, 1.0, -1.0)
     return earth.llh_from_ecef(earth.ecef_from_llh(origin) + ned @ earth.ned_matrix(origin))

@@ -42,7 +42,7 @@ def geodetic(folder: Path) -> Result:
     (folder / "r.csv").write_text("\n".join(["t_s,source,range_m", *lines]) + "\n")
     named = zip("abcd", SITES, strict=True)
     positions = ", ".join(
-        f"{{name: {name}, lat_deg: {lat}, lon_deg: {lon}, h_m: {h}}}" for name, (lat, lon, h) in named
+        f"{{name: {name}, lat_deg: {lat}, lon_deg: {lon}, height_m: {h}}}" for name, (lat, lon, h) in named
     )  # fmt: skip
     text = "kind: ranges\nversion: 1\nranges: {file: r.csv, measurement: two_way}\ntuning: none\n"
     (folder / "ranges.yaml").write_text(f"{text}sources: {{positions: [{positions}]}}\n")
