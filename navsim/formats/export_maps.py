@@ -84,17 +84,9 @@ def _map_features(result: Result) -> list[dict[str, Any]]:
         ]
     if result.attributes["kind"] == "ranges":
         paths = f"/{ranges_output(result)}/position", "/sources/position"
-        llh, sites = (ranges_llh(result, result[path]) for path in paths)
-        track = {"kind": "track", "type": "LineString", "name": "track", "coordinates": _lonlat(llh)}
-        return [track, *(
-            {"kind": "beacon", "type": "Point", "name": str(name), "coordinates": _lonlat(place[None])}
-            for name, place in zip(result["/source"], sites, strict=True)
-        )]  # fmt: skip
-    if result.attributes["kind"] == "ranges":
-        paths = f"/{ranges_output(result)}/position", "/sources/position"
-        llh, sites = (ranges_llh(result, result[path]) for path in paths)
-        track = {"kind": "track", "type": "LineString", "name": "track", "coordinates": _lonlat(llh)}
-        return [track, *(
+        of_tag, sites = (ranges_llh(result, result[path]) for path in paths)
+        route: dict[str, Any] = {"kind": "track", "type": "LineString", "name": "track", "coordinates": _lonlat(of_tag)}
+        return [route, *(
             {"kind": "beacon", "type": "Point", "name": str(name), "coordinates": _lonlat(place[None])}
             for name, place in zip(result["/source"], sites, strict=True)
         )]  # fmt: skip
