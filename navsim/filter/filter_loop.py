@@ -250,23 +250,18 @@ def advance_once(chart, until, imu, model, nav, p, cursor, increments, space):
 
 @kernel
 def advance(chart, until, imu, model, nav, p, cursor, increments, space):
-    """Mechanise and predict from the present time to `until` (s), P once an interval.
+    """Mechanise and predict from the present time to `until` (s), P once an interval, with the second order of tilt.
 
     imu, model: `records`. nav (NAV,), p (n, n), cursor (3,), increments (6,), as of `StreamCursor`: overwritten. space:
     from `propagation_buffers`.
     """
+    tilt = small_vector(nav, 3)
     while can_advance(imu, until, cursor):
-        advance_filter_once(chart, until, imu, model, nav, p, cursor, increments, space)
-
-
-@kernel_inline
-def advance_filter_once(chart, until, imu, model, nav, p, cursor, increments, space):
-    """`advance_once` of a filter, whose P (n, n) contains the second order of a large tilt error."""
-    begin, tilt = cursor[1], small_vector(nav, 3)
-    tilt[0], tilt[1], tilt[2] = p[PHI_N, PHI_N], p[PHI_E, PHI_E], p[PHI_N, PHI_E]
-    advance_once(chart, until, imu, model, nav, p, cursor, increments, space)
-    if model.tilt_time > 0.0:
-        add_second_order_of_tilt(p, tilt, space.mid[MID_GRAVITY], cursor[1] - begin, model.tilt_time)
+        begin = cursor[1]
+        tilt[0], tilt[1], tilt[2] = p[PHI_N, PHI_N], p[PHI_E, PHI_E], p[PHI_N, PHI_E]
+        advance_once(chart, until, imu, model, nav, p, cursor, increments, space)
+        if model.tilt_time > 0.0:
+            add_second_order_of_tilt(p, tilt, space.mid[MID_GRAVITY], cursor[1] - begin, model.tilt_time)
 
 
 @kernel
