@@ -37,8 +37,9 @@ os.environ["XDG_DATA_HOME"] = "/dev/null/data"
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-# tests run in two processes already
+# tests run in two processes already, and threads of numpy that wait for each other would take their time
 os.environ["NAVSIM_SECOND_PROCESS"] = "off"
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as in a command; read when numpy is imported
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared"

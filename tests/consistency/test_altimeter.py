@@ -92,7 +92,7 @@ def test_heights_alone_are_a_straight_line_fit() -> None:
     p = np.diag(np.repeat([10.0, 1.0, 1e-9, 1e-12, 1e-12], 3) ** 2)
     table = AltitudeTable(world.truth.llh[[round(t * 100) for t in time], 2], np.full(time.size, 0.25))
     history = estimate(
-        records.ImuData(world.imu_time, world.dtheta, world.dv),
+        records.ImuData(world.imu_time, world.dtheta.copy(), world.dv.copy()),
         Measurements.of({ALTITUDE: table}),
         records.schedule(time, (ALTITUDE, time, time)),
         records.start(exact_start(world.at_filter), p),

@@ -298,7 +298,7 @@ def test_every_kind_follows_them_as_a_dense_filter_does(kind: int) -> None:
     state = records.start(exact_start(world.at_filter), p, components=3 if kind == records.GAUSSIAN_SUM else 0)
     cov = np.tile(np.diag([noise**2] * 3 + [1.0] * 3), (time.size, 1, 1))
     history = estimate(
-        records.ImuData(world.imu_time, world.dtheta, world.dv),
+        records.ImuData(world.imu_time, world.dtheta.copy(), world.dv.copy()),
         Measurements.of({FIX: FixTable(llh, np.full((time.size, 3), np.nan), cov, np.zeros(3), lasting)}),
         records.schedule(time, (FIX, time, time)),
         state,
@@ -359,7 +359,7 @@ def test_every_kind_follows_those_of_ranges_as_a_dense_filter_does(kind: int) ->
         exact_start(world.at_filter), np.diag(np.square(sigma)), 3 if kind == records.GAUSSIAN_SUM else 0, 6
     )
     history = estimate(
-        records.ImuData(world.imu_time, world.dtheta, world.dv),
+        records.ImuData(world.imu_time, world.dtheta.copy(), world.dv.copy()),
         Measurements.of({RANGE: table}),
         records.schedule(time, (RANGE, time[epoch], time[epoch])),
         state,

@@ -500,7 +500,7 @@ def test_placement_path_equals_the_landing(
 
 
 @pytest.mark.parametrize("name", ["landing", pytest.param("landing_smooth", marks=pytest.mark.long)])
-@settings(max_examples=4, derandomize=True, suppress_health_check=list(HealthCheck), phases=PHASES)
+@settings(max_examples=2, derandomize=True, suppress_health_check=list(HealthCheck), phases=PHASES)
 @given(
     st.fixed_dictionaries({}, optional=DRAWN | {"duration_s": st.sampled_from([50.0, 62.3, 105.0])}),
     st.lists(PLACE, min_size=1, max_size=3, unique_by=tuple),

@@ -96,7 +96,7 @@ def test_each_output_has_its_row_however_near(kind: int) -> None:
     fix_time = np.array([1.0, 2.0])
     llh = world.truth.llh[[100, 200]]
     history = estimate(
-        records.ImuData(world.imu_time, world.dtheta, world.dv),
+        records.ImuData(world.imu_time, world.dtheta.copy(), world.dv.copy()),
         Measurements.of({FIX: FixTable(llh, np.full((2, 3), np.nan), np.tile(np.eye(6), (2, 1, 1)), np.zeros(3))}),
         records.schedule(np.array([1.0, np.nextafter(1.0, 2.0), 2.0]), (FIX, fix_time, fix_time)),
         records.start(exact_start(world.at_filter), np.diag(SIGMA**2)),
