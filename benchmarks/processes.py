@@ -96,6 +96,17 @@ def world(plan: Plan) -> list[Line]:
     return lines
 
 
+def closed_loop(plan: Plan) -> list[Line]:
+    """Landings that the filter's estimate steers against as many that fly the route."""
+    count = plan.size(1000, 16)
+    jobs = [runs(now(), count, "--set", f"approach.guidance={guidance}") for guidance in ("estimate", "reference")]
+    alternate(1, *jobs)
+    closed, opened = alternate(plan.rounds(3), *jobs)
+    beside = f"{seconds('closed', closed)}, {seconds('open', opened)}"
+    what = f"{count} landings steered by their estimates, against as many along the route"
+    return [Line(what, ratios(closed, opened), beside, 3.0, at_most=True)]
+
+
 def python(code: str) -> Job:
     """A Python that does this and nothing else."""
     return lambda: spend([sys.executable, "-c", code], environment())

@@ -70,6 +70,7 @@ SECTIONS: dict[str, Section] = {
     "before": _of(processes.against_before),
     "original": _of(processes.against_original),
     "world": _of(processes.world),
+    "closed": _of(processes.closed_loop),
     "start": _of(processes.start),
     "landing": _of(processes.one_landing),
     "first": _of(processes.first_run),

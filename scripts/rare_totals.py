@@ -1,7 +1,7 @@
-"""Rare total system errors and touchdowns of runs that leave the route, against counting; writes
+"""Rare total system errors, touchdowns and go-arounds of runs that leave the route, against counting; writes
 docs/rare-totals-measured.md.
 
-Run by `make validate`, some four minutes of processor time.
+Run by `make validate`, some five minutes of processor time.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from scipy.special import ndtri
 
 from navsim.landing import rare_events
 from navsim.landing.study import Case, fly_all, prepare
+from navsim.landing.total_errors import went_around
 from navsim.runner.executor import threads
+from navsim.runner.statistics import share_interval
 from navsim.scenario.load import read
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -37,6 +39,16 @@ CASES: list[tuple[str, tuple[str, ...], str, tuple[int, ...]]] = [
 """Label, settings of landing.yaml, box without limits, limited axes."""
 CHANCES, COUNTED = (1e-2, 1e-5), 2000
 KEYS = ("lateral_m", "along_m", "vertical_m")
+GO_AROUND = (*BRIEF, "approach.go_around={on_alarm: true}")
+LASTING = ("signals.preset=open-sky", "receiver.smoothing_s=20")
+MONITORS: list[tuple[str, tuple[str, ...], float]] = [
+    *((f"{{method: chi2, p_fa: {p_fa:g}}}", (), p_fa) for p_fa in (1e-4, 1e-6, 1e-8)),
+    ("{method: chi2, p_fa: 1e-06}", LASTING, math.nan),
+    ("{}", LASTING, math.nan),
+]
+"""Section `integrity`, further settings, and the probability of an alarm of each fix if fixes are independent."""
+PUSHED = 480
+"""Runs with drawn alarms."""
 
 
 def boxed(settings: tuple[str, ...], box: str, axes: tuple[int, ...], chance: float) -> tuple[Case, Case]:
@@ -52,9 +64,63 @@ def boxed(settings: tuple[str, ...], box: str, axes: tuple[int, ...], chance: fl
     return of(limits, "rare"), of(limits, "monte-carlo")
 
 
+def go_arounds(monitor: str, settings: tuple[str, ...], method: str) -> Case:
+    """Landings that break off after an alarm."""
+    section = (f"integrity={monitor}", f"method={method}", "box={height_m: 30, vertical_m: 10}")
+    return prepare(*read(ROOT / "scenarios" / "landing.yaml", (*GO_AROUND, *settings, *section)))
+
+
+def counted_go_arounds(settings: tuple[str, ...]) -> list[np.ndarray]:
+    """Which runs go around by each of the monitors with these settings; a run that none of p_fa 1e-4 alarms in has no
+    alarm of a smaller one."""
+    first, *others = [monitor for monitor, mine, _ in MONITORS if mine == settings]
+    out = [
+        went_around(fly_all(go_arounds(first, settings, "monte-carlo"), SEED + 1, 0, COUNTED, threads(), keep="none"))
+    ]
+    for monitor in others:
+        case, mine = go_arounds(monitor, settings, "monte-carlo"), np.zeros(COUNTED, bool)
+        for run in np.flatnonzero(out[0]).tolist():
+            mine[run] = bool(np.isfinite(case.fly(SEED + 1, run).go_around[0]))
+        out.append(mine)
+    return out
+
+
+def rows_of_go_arounds() -> list[str]:
+    """Table of go-arounds: by plain runs, and by runs with drawn alarms."""
+    lines = [
+        "",
+        "## Go-arounds",
+        "",
+        f"`{' '.join(GO_AROUND)}`, not steered; *lasting*: with `{' '.join(LASTING)}`. Closed form: independent fixes.",
+        "",
+        "| `integrity` | closed form | counted | with drawn alarms | go-arounds counted; effective samples |",
+        "|---|---|---|---|---|",
+    ]
+    counted = counted_go_arounds(())
+    for monitor, settings, p_fa in MONITORS:
+        edge = rare_events.prepare(case := go_arounds(monitor, settings, "rare"))
+        assert edge.alarms is not None
+        value, _, effective = rare_events.go_around_probability(
+            edge, rare_events.fly_all(case, edge, SEED, 0, PUSHED, threads())
+        )
+        shown, plain, times = "{:.3g} [{:.3g}, {:.3g}]".format(*map(float, value)), "-", "-"
+        if not settings:
+            times = int(counted[0].sum())
+            plain = "{:.3g} [{:.3g}, {:.3g}]".format(*share_interval(times, COUNTED))
+            counted.pop(0)
+        expected = "-" if math.isnan(p_fa) else f"{-math.expm1(edge.alarms.epoch.size * math.log1p(-p_fa)):.3g}"
+        label = f"`{monitor}`" + (", lasting" if settings else "")
+        lines.append(measured.row(label, expected, plain, shown, f"{times}; {effective:.0f}"))
+    return lines
+
+
 def probe() -> measured.Probe:
     """Probability, relative error and effective samples of a few pushed runs."""
     out = {}
+    for monitor, settings, _ in MONITORS[1::3]:
+        edge = rare_events.prepare(case := go_arounds(monitor, settings, "rare"))
+        found = rare_events.go_around_probability(edge, rare_events.fly_all(case, edge, SEED, 0, 32, threads()))
+        out[f"{monitor}, {len(settings)}"] = [float(found[0][0]), *found[1:]]
     for label, settings, box, axes in CASES[1::2]:
         case, _ = boxed(settings, box, axes, CHANCES[0])
         edge = rare_events.prepare(case)
@@ -98,7 +164,7 @@ def main() -> None:
             nonlinear = f"{float(rare_events.not_linear(edge, flown).max()):.2f} σ"
             shown = "{:.3g} [{:.3g}, {:.3g}]".format(*map(float, value))
             lines.append(measured.row(label, f"{chance:g}", counted, shown, flown.runs, difference, nonlinear))
-    PAGE.write(lines, begun)
+    PAGE.write(lines + rows_of_go_arounds(), begun)
 
 
 if __name__ == "__main__":

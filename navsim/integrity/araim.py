@@ -422,17 +422,17 @@ class SeparationMonitor(SeparationDistances):
         there = found.monitored[..., None] & (found.threshold > 0.0)
         # residuals serve instead of errors: the full fix maps residuals to zero
         by_threshold = found.separator / np.where(there, found.threshold, np.inf)[..., None]
-        self._separator = np.ascontiguousarray(by_threshold)
+        self.separator = np.ascontiguousarray(by_threshold)
 
     @property
     def size(self) -> int:
         """Approximate memory, bytes."""
-        return 3 * self._separator.nbytes
+        return 3 * self.separator.nbytes
 
     def statistic(self, residuals: np.ndarray) -> np.ndarray:
         """The largest difference of fixes, by its threshold, of residuals (e, s, WIDTH) of fixes, m."""
         out = np.zeros((residuals.shape[0], WIDTH))
         if residuals.shape[1]:
             left = np.ascontiguousarray(np.where(np.isnan(residuals), 0.0, residuals))
-            _farthest(self._separator, in_lanes(left), in_lanes(out))
+            _farthest(self.separator, in_lanes(left), in_lanes(out))
         return out

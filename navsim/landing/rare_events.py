@@ -49,6 +49,7 @@ from navsim.runner.executor import Executor
 from navsim.runner.findings import Flaws
 from navsim.runner.merge_state import pack
 from navsim.runner.statistics import weighted_share
+from navsim.simulation.alarm_events import SHARE, AlarmProposal
 from navsim.simulation.along_truth import along_truth
 from navsim.simulation.importance_sampling import (
     AirShifts,
@@ -82,6 +83,8 @@ class LimitState:
     """Of fixes that have a state: those of the most likely history."""
     histories: HistoryProposal | None = None
     """Of fixes that have a state."""
+    alarms: AlarmProposal | None = None
+    """Alarms that break runs off; None where none do, or where they are not rare."""
 
 
 def prepare(case: Case) -> LimitState:
@@ -107,9 +110,8 @@ def prepare(case: Case) -> LimitState:
     mean = at_heights(case, [box.time], analysis.mean)[0]
     if air is not None:
         mean = air.mean + np.einsum("Kos,os->K", weights, analysis.mean[:, MOVING]) + ended
-    return LimitState(
-        box, proposal_shifts(case.flight, sensitivity(case.flight, along, weights), mean, box.lower, box.upper, air)
-    )
+    tilt = proposal_shifts(case.flight, sensitivity(case.flight, along, weights), mean, box.lower, box.upper, air)
+    return LimitState(box, tilt, alarms=AlarmProposal.of(case.flight))
 
 
 def _by_history(shifts: ShiftsByHistory, box: ErrorBox) -> LimitState:
@@ -117,7 +119,7 @@ def _by_history(shifts: ShiftsByHistory, box: ErrorBox) -> LimitState:
     model = shifts.model
     likely = StateHistory(np.zeros(1), np.array([int(model.shares.argmax())]))
     histories = HistoryProposal.of(shifts, box.time)
-    return LimitState(box, shifts.of(model.with_forced(likely)), histories)
+    return LimitState(box, shifts.of(model.with_forced(likely)), histories, AlarmProposal.of(shifts.flight))
 
 
 def _touchdown_at_rest(case: Case) -> np.ndarray:
@@ -180,7 +182,7 @@ class RareStudy:
         rows: list[Arrays] = []
         for begin in range(first, first + count, WIDTH):
             runs = range(begin, min(begin + WIDTH, first + count))
-            pushes = PushedRuns(case.flight, tilt, self.seed, self.edge.histories)
+            pushes = PushedRuns(case.flight, tilt, self.seed, self.edge.histories, self.edge.alarms)
             tilts, components = pushes.tilts(runs), pushes.components(runs)
             if self.edge.histories is None and tilt.air is None:
                 inputs, off = shift_inputs(case.flight, tilt, draw_inputs(case.flight, self.seed, runs), components)
@@ -189,6 +191,7 @@ class RareStudy:
                 (flown,), off = case.fly_runs(self.seed, begin, len(runs), False, pushes=pushes), pushes.off(runs)
             mean = np.stack([one.mean for one in tilts], axis=1)
             still = np.array([not one.proposal.shifts[c].any() for one, c in zip(cycle(tilts), components)])
+            still &= [not pushes.is_to_alarm(run) for run in runs]
             own = {}
             if (histories := self.edge.histories) is not None:
                 drawn, some = pushes.histories_of(runs), tilts[: len(runs)]
@@ -202,7 +205,7 @@ class RareStudy:
                 {
                     "error": box_errors(case, [self.edge.box.time], flown)[:, 0],
                     "first_order": (mean + off).T[: len(runs)],
-                    "log_weight": pushes.log_weights(runs, off)[: len(runs)],
+                    "log_weight": pushes.log_weights(runs, off),
                     "still": still,
                     **own,
                     "fixes": np.sum(~np.isnan(flown.fix_llh[..., 0]), axis=1),
@@ -267,6 +270,8 @@ def _share(
         most = inside = mix.most_weight
         if "go_around" not in flown.columns():  # other runs are within the limits
             inside = mix.most_weight_between(lower - mean, upper - mean)
+    if edge.alarms is not None:
+        most, inside = most / (1.0 - SHARE), inside / (1.0 - SHARE)
     return weighted_share(flown.per_run("log_weight"), outside, most, inside)
 
 
@@ -284,8 +289,8 @@ _UNTIL = re.compile(r"\s*probability\s+within\s+([0-9.]+)\s*%\s*")
 
 
 def stopping_rule(edge: Callable[[], LimitState], expression: str) -> Until:
-    """`probability within 20%`: true once the 95 % interval is `is_narrow` by that share. edge: known once runs are.
-    Raises ValueError for anything else."""
+    """`probability within 20%`: true once the 95 % interval is `is_narrow` by that share, and that of go-arounds, if
+    there are any and runs are pushed to alarms. edge: known once runs are. Raises ValueError for anything else."""
     match = _UNTIL.fullmatch(expression)
     if match is None:
         raise ValueError(f"{expression!r}: with method rare expected `probability within 20%`")
@@ -294,7 +299,12 @@ def stopping_rule(edge: Callable[[], LimitState], expression: str) -> Until:
     def judge(flown: Ensemble) -> tuple[bool, str]:
         value, _, effective = probability(edge(), flown)
         words = f"probability {value[0]:.2g} ({value[1]:.2g} to {value[2]:.2g})"
-        return is_narrow(value, effective, share), words
+        enough = is_narrow(value, effective, share)
+        if edge().alarms is not None:
+            value, _, effective = go_around_probability(edge(), flown)
+            words += f", of a go-around {value[0]:.2g} ({value[1]:.2g} to {value[2]:.2g})"
+            enough &= effective == 0.0 or is_narrow(value, effective, share)  # exclusion may end every alarm
+        return enough, words
 
     return Until(judge)
 
@@ -338,7 +348,7 @@ def findings(case: Case, edge: LimitState, flown: Ensemble) -> list[Finding]:
 
 
 def _of_go_arounds(edge: LimitState, flown: Ensemble) -> list[Finding]:
-    """Finding about too few go-arounds. The pushes, to the edge of the box, hardly change how often there is one."""
+    """Finding about too few go-arounds."""
     (_, _, high), _, effective = go_around_probability(edge, flown)
     if effective >= FEW:
         return []
@@ -346,7 +356,10 @@ def _of_go_arounds(edge: LimitState, flown: Ensemble) -> list[Finding]:
     text = f"none of {of} went around: the probability of a go-around is below {high:.2g} (95 %)"
     if effective > 0.0:
         text = f"the probability of a go-around rests on {several(round(effective), 'effective sample')} of {of}"
-    text += "; pushed runs do not make them more frequent, method monte-carlo counts them"
+    if edge.alarms is None:
+        text += "; pushed runs do not make them more frequent, method monte-carlo counts them"
+    else:
+        text += "; fly more runs"
     return [Finding("few_go_arounds", text, (), int(effective), flown.runs, flown.runs)]
 
 

@@ -31,6 +31,7 @@ import numpy as np
 
 from navsim.compiler.lanes import WIDTH
 from navsim.gnss.fix_states import FIXED, FixStates, StateHistory
+from navsim.simulation.alarm_events import SHARE, AlarmProposal, AlarmPush
 from navsim.simulation.along_truth import along_truth
 from navsim.simulation.dispersed_trajectory import Dispersion
 from navsim.simulation.flight import Flight
@@ -355,10 +356,16 @@ class PushedRuns:
     seed: int
     histories: HistoryProposal | None = None
     """Of fixes that have a state; shifts are then by history, instead of `tilt`."""
+    alarms: AlarmProposal | None = None
+    """Alarms in some of the runs instead of shifts to the box; None without."""
     kept: dict[tuple[int, ...], dict[int, np.ndarray]] = field(default_factory=dict)
     """`walks` of runs that have flown: the same runs fly several times."""
     by_run: dict[int, tuple[DrawnHistory, ProposalShifts]] = field(default_factory=dict)
     """`histories_of` and `tilts` of runs likewise."""
+    by_alarm: dict[int, AlarmPush] = field(default_factory=dict)
+    """Their pushes to alarms likewise."""
+    moved: dict[tuple[int, ...], Inputs] = field(default_factory=dict)
+    """`_along_route` of the last runs."""
 
     def tilts(self, runs: Sequence[int]) -> list[ProposalShifts]:
         """The shifts of each lane, or one for all."""
@@ -382,7 +389,7 @@ class PushedRuns:
         """Inputs of runs, shifted."""
         tilts, shared = self.tilts(runs), self.flight.shared
         inputs = self._stated(runs, inputs)
-        out = _shifted(tilts, inputs, self.components(runs))
+        out = self._with_alarms(runs, _shifted(tilts, inputs, self.components(runs)))
         ways, flown = self.flight.shared.dispersion, inputs.flown
         if ways is None or flown is None:
             return out
@@ -417,16 +424,50 @@ class PushedRuns:
         return self.kept[key]
 
     def components(self, runs: Sequence[int]) -> list[int]:
-        """The component of each run."""
-        tilts = self.tilts(runs)
-        return [_of_lane(tilts, lane).proposal.drawn(self.seed, run) for lane, run in enumerate(runs)]
+        """The component of each run; the last one, which does not shift, where a test is to alarm."""
+        proposals = [_of_lane(self.tilts(runs), lane).proposal for lane in range(len(runs))]
+        return [
+            one.shares.size - 1 if self.is_to_alarm(run) else one.drawn(self.seed, run)
+            for one, run in zip(proposals, runs, strict=True)
+        ]
+
+    def is_to_alarm(self, run: int) -> bool:
+        """Whether a run draws its ranges given an alarm."""
+        return self.alarms is not None and self.alarms.is_chosen(self.seed, run)
+
+    def _along_route(self, runs: Sequence[int]) -> Inputs:
+        """Inputs of runs along the route, shifted."""
+        if (key := tuple(runs)) not in self.moved:
+            self.moved.clear()
+            inputs = self._stated(runs, draw_inputs(self.flight.along_route, self.seed, runs))
+            inputs = _shifted(self.tilts(runs), inputs, self.components(runs))
+            if self.alarms is not None:
+                for lane, run in enumerate(runs):
+                    self.by_alarm[run] = self.alarms.push(self.seed, run, inputs, lane)
+            self.moved[key] = self._with_alarms(runs, inputs)
+        return self.moved[key]
+
+    def _with_alarms(self, runs: Sequence[int], inputs: Inputs) -> Inputs:
+        """Inputs with the ranges of runs in which a test is to alarm."""
+        if self.alarms is None:
+            return inputs
+        if not self.by_alarm.keys() >= set(runs):
+            self._along_route(runs)
+        ranges, rates = inputs.ranges.copy(), inputs.rates.copy()
+        phases = None if inputs.phases is None else inputs.phases.copy()
+        for lane, run in enumerate([*runs, *[runs[-1]] * (WIDTH - len(runs))]):
+            if (shift := self.by_alarm[run].shift) is not None:
+                ranges[..., lane] += shift[0]
+                rates[..., lane] += shift[1]
+                if phases is not None and shift[2] is not None:
+                    phases[..., lane] += shift[2]
+        return replace(inputs, ranges=ranges, rates=rates, phases=phases)
 
     def off(self, runs: Sequence[int]) -> np.ndarray:
         """Errors (K, W) of runs to first order, off their means: sums over all that they draw, with its shift."""
         along, ways = self.flight.along_route, self.flight.shared.dispersion
-        inputs = self._stated(runs, draw_inputs(along, self.seed, runs))
         tilts = self.tilts(runs)
-        moved = deviations(along, _shifted(tilts, inputs, self.components(runs)))
+        moved = deviations(along, self._along_route(runs))
         if len(tilts) == 1:
             off = tilts[0].slopes.times(moved)
         else:
@@ -437,12 +478,18 @@ class PushedRuns:
         return off + self.tilt.air.off(ways.departure(self.seed, runs, WIDTH, shift=self.walks(runs)))
 
     def log_weights(self, runs: Sequence[int], off: np.ndarray) -> np.ndarray:
-        """Logarithms (W,) of the density of what runs drew over that of what they were drawn from; off: see `off`."""
+        """Logarithms (r,) of the density of what runs drew over that of what they were drawn from; off: see `off`."""
         tilts = self.tilts(runs)
         if self.histories is None:
-            return tilts[0].proposal.log_weights(off)
-        out = np.concatenate([tilt.proposal.log_weights(off[:, [k]]) for k, tilt in enumerate(tilts)])
-        out[: len(runs)] += [drawn.log_weight for drawn in self.histories_of(runs)]
+            out = tilts[0].proposal.log_weights(off)
+        else:
+            out = np.concatenate([tilt.proposal.log_weights(off[:, [k]]) for k, tilt in enumerate(tilts)])
+        out = out[: len(runs)]
+        if self.alarms is not None:
+            alarmed = np.array([self.by_alarm[run].log_ratio for run in runs])
+            out = -np.logaddexp(np.log1p(-SHARE) - out, np.log(SHARE) + alarmed)
+        if self.histories is not None:
+            out = out + [drawn.log_weight for drawn in self.histories_of(runs)]
         return out
 
     def _stated(self, runs: Sequence[int], inputs: Inputs) -> Inputs:

@@ -161,7 +161,7 @@ def carried(flight: Flight, slopes: Slopes, history: StateHistory | None = None)
         initial,
         _of_triad(flight.gyro, slopes.dtheta, shared.dtheta, dt),
         _of_triad(flight.accel, slopes.dv, shared.dv, dt),
-        *(_of_ranges(flight, slopes) if history is None else of_states(shared, slopes, history)),
+        *(of_ranges(flight, slopes) if history is None else of_states(shared, slopes, history)),
         tuple(of_aid(aid, a) for a, aid in zip(slopes.aided, shared.aids, strict=True)),
     )
 
@@ -174,7 +174,7 @@ def of_states(shared: SharedTruth, slopes: Slopes, history: StateHistory) -> tup
     return out[..., :3], out[..., 3:], None
 
 
-def _of_ranges(flight: Flight, slopes: Slopes) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+def of_ranges(flight: Flight, slopes: Slopes) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Covariance of the errors of ranges, range rates and carrier phases times their slopes."""
     signals, density = flight.shared.signals, flight.shared.clock_density
     ranges = slopes.ranges * np.where(signals.used, signals.sigma, 0.0) ** 2
@@ -218,6 +218,33 @@ def _of_ranges(flight: Flight, slopes: Slopes) -> tuple[np.ndarray, np.ndarray, 
         ranges, rates = ranges + delay, rates + faster
         phases = None if phases is None else phases + delay
     return ranges, rates, phases
+
+
+def range_covariance(flight: Flight) -> np.ndarray:
+    """Covariance (e, s, s) of the errors of pseudoranges at each epoch, m2, without those of the receiver's clock."""
+    signals = flight.shared.signals
+    alone, code = np.where(signals.used, signals.sigma, 0.0) ** 2, np.where(signals.used, signals.sigma, 0.0) ** 2
+    if signals.smoothing is not None:
+        before = np.zeros_like(alone[0])
+        for e, count in enumerate(np.maximum(signals.smoothing, 1)):
+            carried_on = (1.0 - 1.0 / count) ** 2
+            alone[e] = code[e] / count**2 + carried_on * (before + CARRIER_SIGMA**2)
+            before = (code[e] + CARRIER_SIGMA**2) / count**2 + carried_on * before  # smoothed code minus carrier
+    if signals.source_errors is not None:
+        alone = alone + np.sum(signals.source_errors**2, axis=2)
+    if signals.correlated is not None:
+        alone = alone + signals.correlated.total**2
+    if signals.wandering is not None:
+        alone = alone + signals.wandering.sigmas(signals.time)[0] ** 2
+    out = np.where(signals.used, alone, 0.0)[..., None] * np.eye(alone.shape[1])
+    for effects in (
+        None if signals.offset is None else signals.offset[None],
+        None if signals.drawn_air is None else signals.drawn_air[..., None],
+    ):
+        if effects is not None:
+            seen = np.where(signals.used[..., None], effects, 0.0)
+            out = out + seen @ seen.swapaxes(1, 2)
+    return out
 
 
 def of_aid(aid: Aid, slopes: np.ndarray, exact: np.ndarray | None = None, way: Any = None) -> np.ndarray:
