@@ -15,7 +15,7 @@ from navsim.filter import states
 from navsim.filter.measurement_kinds import RANGE, SOURCE
 from navsim.filter.receiver_clock import UNKNOWN_BIAS, UNKNOWN_DRIFT, ReceiverClock
 from navsim.filter.records import CONSTRAINED, GAUSSIAN_SUM, FilterModel
-from navsim.filter.states import Block
+from navsim.filter.states import Block, ReferenceClock, TransmitterClockModel
 from navsim.statistics import chi_square
 
 _FLOORS = {"m": 1e-4, "m/s": 1e-6, "rad": 1e-8, "rad/s": 1e-12, "m/s2": 1e-9, "1": 1e-9}
@@ -49,12 +49,27 @@ class SensorDesign:
             name = states.names(self.blocks)[int(np.argmin(sigma))]
             raise Defect(f"the filter starts with sigma 0 of {name}; give it a state only if its sigma is above 0")
         out = np.diag(sigma**2)
-        first = states.SENSORS
-        for block in self.blocks:
-            if block.clock is not None:
-                out[first, first + 1] = out[first + 1, first] = block.clock.covariance
-            first += block.size
+        self.correlate_clocks(out)
         return out
+
+    @property
+    def clocks(self) -> list[tuple[int, TransmitterClockModel]]:
+        """Index of the offset of each transmitter's clock among the error states, and its model."""
+        firsts = states.SENSORS + np.cumsum([0, *(block.size for block in self.blocks)])
+        return [(int(first), b.clock) for first, b in zip(firsts, self.blocks, strict=False) if b.clock is not None]
+
+    @property
+    def reference_clock(self) -> ReferenceClock:
+        """The clock against which those of transmitters are counted."""
+        return self.clocks[0][1].reference if self.clocks else ReferenceClock()
+
+    def correlate_clocks(self, p: np.ndarray) -> None:
+        """Add to a diagonal initial P (n, n) the covariances of clocks, and the variance of their reference clock."""
+        offsets = np.array([first for first, _ in self.clocks], np.int64)
+        for first, clock in self.clocks:
+            p[first, first + 1] = p[first + 1, first] = clock.covariance
+        p[np.ix_(offsets, offsets)] += self.reference_clock.offset
+        p[np.ix_(offsets + 1, offsets + 1)] += self.reference_clock.rate
 
 
 @dataclass(frozen=True)
@@ -133,12 +148,12 @@ class FilterDesign:
         """Model for the kernels. noise: densities of each IMU interval (n, 2) instead of the sensors'; scales: numbers
         of the sources' time scales."""
         densities = self.sensors.noise[None] if noise is None else noise
-        firsts = states.SENSORS + np.cumsum([0, *(block.size for block in self.sensors.blocks)])
-        offsets = [(int(first), b.clock) for first, b in zip(firsts, self.sensors.blocks, strict=False) if b.clock]
+        offsets = self.sensors.clocks
         clock = ReceiverClock(
             np.array(self.followed(scales), np.int64), np.array(self.clock or (0.0, 0.0)),
             np.array([first for first, _ in offsets], np.int64),
             np.array([[one.phase, one.frequency] for _, one in offsets]).reshape(-1, 2),
+            np.array(self.sensors.reference_clock[:2]),
         )  # fmt: skip
         return FilterModel(
             self.kind, densities, states.declared(self.sensors.blocks), self.gate, self.max_rejected,

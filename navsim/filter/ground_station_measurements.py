@@ -51,6 +51,7 @@ def _beacon(nav, declared, c_nb, table, row, z, h):
     left = exp_of_negative(distance * (-1.0 / table.growth_distance))
     growth, moved = table.growth + 0.0 * distance, 0.0 * distance
     z[0] = -distance
+    transmitter = BEACON_STATES * table.position.shape[0] + 3 + 2 * beacon
     for c in range(declared.shape[0]):
         if declared[c].sensor == BEACON and declared[c].axis // BEACON_STATES == beacon:
             k, value = declared[c].axis % BEACON_STATES, nav[NAV_SENSORS + c]
@@ -69,6 +70,9 @@ def _beacon(nav, declared, c_nb, table, row, z, h):
         elif declared[c].sensor == BEACON and declared[c].axis == BEACON_STATES * table.position.shape[0] + 2:
             h[0, SENSORS + c] = _unit_delay(nav, table, beacon, distance)
             z[0] -= h[0, SENSORS + c] * nav[NAV_SENSORS + c]
+        elif declared[c].sensor == BEACON and declared[c].axis == transmitter:
+            h[0, SENSORS + c] = -1.0  # the beacon's own clock: one that is ahead makes its range shorter
+            z[0] += nav[NAV_SENSORS + c]
     # a longer way also has a larger bias
     steeper = 1.0 + growth * left * (1.0 / table.growth_distance)
     z[0] -= growth * (1.0 - left) + steeper * moved

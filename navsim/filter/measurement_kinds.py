@@ -28,8 +28,8 @@ BEACON = 10
 """Kind of the ranges of beacons."""
 BEACON_STATES = 5
 """Errors of a beacon: bias, growth of the bias, position along north, east, down [3]. The state of the error k of the
-beacon i has the axis `BEACON_STATES` i + k. Behind those of n beacons come offset and rate of the receiver's clock, and
-the refractivity of the air."""
+beacon i has the axis `BEACON_STATES` i + k. Behind those of n beacons come offset and rate of the receiver's clock, the
+refractivity of the air, and offset and rate of each beacon's own clock."""
 AZIMUTH, ELEVATION, DISTANCE = 11, 12, 13
 """Kinds of the measurements of ground stations: two angles and a range [4]."""
 HEADING, VEHICLE_VELOCITY, REST_RATE = 14, 15, 16

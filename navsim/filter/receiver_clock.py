@@ -31,6 +31,9 @@ class ReceiverClock(NamedTuple):
     """(q,) index, among the error states, of the offset of each transmitter's clock; the next state is its rate."""
     noises: np.ndarray = np.empty((0, 2))
     """(q, 2) `density` of each of these clocks."""
+    shared: np.ndarray = np.zeros(2)
+    """(2,) `density` of the noise that all of these clocks have in addition, that of the clock they are counted
+    against."""
 
 
 UNKNOWN_BIAS, UNKNOWN_DRIFT = 1e4, 1e2
@@ -73,6 +76,19 @@ def propagate_clock_covariance(first, count, phase, frequency, dt, p):
 
 
 @kernel
+def add_shared_noise(offsets, phase, frequency, dt, p):
+    """Add to P (n, n) the noise over dt, s, of the clock against which clocks with these offsets (q,) are counted."""
+    bias, both, drift = phase * dt + frequency * dt * dt * dt / 3.0, 0.5 * frequency * dt * dt, frequency * dt
+    for a in range(offsets.shape[0]):
+        for b in range(offsets.shape[0]):
+            i, j = offsets[a], offsets[b]
+            p[i, j] += bias
+            p[i, j + 1] += both
+            p[i + 1, j] += both
+            p[i + 1, j + 1] += drift
+
+
+@kernel
 def propagate_clock(clock, dt, nav, p):
     """Propagate the clock states of nav (NAV,) and P (n, n) over dt, s, in place; the receiver's are the last ones."""
     if dt > 0.0:
@@ -80,6 +96,8 @@ def propagate_clock(clock, dt, nav, p):
             offset = clock.offsets[c]
             nav[NAV_SENSORS - SENSORS + offset] += dt * nav[NAV_SENSORS - SENSORS + offset + 1]
             propagate_clock_covariance(offset, 1, clock.noises[c, 0], clock.noises[c, 1], dt, p)
+        if clock.shared[0] > 0.0 or clock.shared[1] > 0.0:
+            add_shared_noise(clock.offsets, clock.shared[0], clock.shared[1], dt, p)
     count = clock.scales.shape[0]
     if count > 0 and dt > 0.0:
         first = p.shape[0] - count - 1

@@ -56,8 +56,24 @@ of gyros from 3 on are axes of specific force; only a truth has them. `sensor` m
 (1/s): rate of decay. `drive` (unit2/s): density of the driving noise."""
 
 
+class ReferenceClock(NamedTuple):
+    """Filter model of the clock against which others are counted: all of them share its errors."""
+
+    phase: float = 0.0
+    """Density of the white noise of its phase, m2/s."""
+    frequency: float = 0.0
+    """Density of the white noise of its frequency, m2/s3."""
+    offset: float = 0.0
+    """Variance of its offset at the start, m2."""
+    rate: float = 0.0
+    """Variance of its rate at the start, m2/s2."""
+
+
 class TransmitterClockModel(NamedTuple):
-    """Filter model of the clock of a transmitter, whose offset is a state and whose rate is the next one."""
+    """Filter model of the clock of a transmitter, whose offset is a state and whose rate is the next one.
+
+    Densities and 1 sigmas of the states are without those of the reference clock.
+    """
 
     phase: float
     """Density of the white noise of its phase, m2/s."""
@@ -65,6 +81,8 @@ class TransmitterClockModel(NamedTuple):
     """Density of the white noise of its frequency, m2/s3."""
     covariance: float
     """Covariance of offset and rate at the start, m2/s."""
+    reference: ReferenceClock = ReferenceClock()
+    """The clock against which this one is counted, the same for all clocks of a filter."""
 
 
 @dataclass(frozen=True)

@@ -201,5 +201,7 @@ def range_aids(log: RangeLog, section: BeaconRanges) -> list[RecordedAid]:
     for number, name in enumerate(log.sources.names):
         its = np.flatnonzero(log.source == number)
         table = like._replace(range=log.range[its], beacon=np.full(its.size, number))
-        out.append(RecordedAid(f"range of {name}", BEACON, log.time[its] - section.latency_s, table))
+        out.append(
+            RecordedAid(f"range of {name}", BEACON, log.time[its] + section.time_offset_s - section.latency_s, table)
+        )
     return out

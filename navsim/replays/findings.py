@@ -14,6 +14,7 @@ from navsim.geodesy.attitude import dcm_from_quaternion
 from navsim.replays import alignment as aligning
 from navsim.replays import flight as replay
 from navsim.replays.motion import FASTEST_NEEDED
+from navsim.replays.one_way import alike_states
 from navsim.replays.reading import ReadLog
 from navsim.replays.recorded_flight import RecordedFlight
 from navsim.replays.scenario import Outage, Replay
@@ -66,6 +67,8 @@ def findings(
         if aid.kind == BEACON:
             rejected, weighed = int(np.sum(own.status == REJECTED)), int(np.sum(own.status != NOT_USED))
             out += rejected_of(aid.name, rejected, weighed, recording.scenario.filter.gate.probability)
+    if recording.scenario.clocks is not None:
+        out += alike_states(flown, list(result["/filter/state"]))
     tied = _tied(result)
     untuned = recording.scenario.tuning == "none" and "/summary/bet_verdict" not in result
     calm = _too_calm(result) if untuned else []

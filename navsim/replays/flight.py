@@ -11,7 +11,7 @@ separately.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -129,6 +129,8 @@ class Replayed:
     """Start and end, s, of the parts of the flight."""
     aids: tuple[AidInnovations, ...] = ()
     """Of each of the flight's aids."""
+    covariance: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    """(n, n) at the last output."""
 
     @property
     def rpy(self) -> np.ndarray:
@@ -400,7 +402,10 @@ def _joined(given: _FlightInputs, parts: list[_Part], lost: tuple[LostSpan, ...]
         for whole_aid, rows, own in zip(aids, part.aid_rows, part.seen.aids, strict=True):
             for name, values in vars(own).items():
                 getattr(whole_aid, name)[rows] = values
-    return Replayed(**of_outputs, **of_fixes, lost=_merged(lost), parts=spans, aids=aids)
+    last_covariance = parts[-1].covariance[-1]
+    return Replayed(
+        **of_outputs, **of_fixes, lost=_merged(lost), parts=spans, aids=aids, covariance=last_covariance
+    )  # fmt: skip
 
 
 def _merged(lost: tuple[LostSpan, ...]) -> tuple[LostSpan, ...]:

@@ -13,6 +13,7 @@ from navsim.formats.recorded_data import Ranges
 from navsim.geodesy import earth
 from navsim.geodesy.attitude import dcm_from_quaternion
 from navsim.gnss.dop import geometry_covariance
+from navsim.replays.one_way import start_clocks
 
 if TYPE_CHECKING:
     from navsim.replays.recorded_flight import PartStart, RecordedFlight
@@ -77,7 +78,8 @@ def start_of(
     scales: time scales whose clock the filter estimates. ranges: those of the part, in order.
     """
     if begin.known is not None:
-        nav, matrix = begin.known.navigation, design.sensors.covariance(begin.known.sigma)
+        matrix = design.sensors.covariance(begin.known.sigma)
+        nav = start_clocks(begin.known.navigation, matrix, flight, begin, design.sensors)
         return _with_clock(nav, matrix, begin, ranges, scales)
     alignment = begin.alignment
     nav = np.zeros(states.NAV_N)
@@ -91,6 +93,7 @@ def start_of(
     position_sigma, fix_velocity_sigma = np.split(np.where(np.isnan(begin.own), fix_sigma * begin.weight, begin.own), 2)
     sizes = [3, 3, 3, *(block.size for block in design.sensors.blocks)]
     matrix = np.diag(np.repeat([0.0, 0.0, 0.0, *design.sensors.sigma], sizes) ** 2)
+    design.sensors.correlate_clocks(matrix)
     # since the fix the aircraft may have accelerated, and it turns about the antenna
     gained = ACCELERATION * begin.age + np.linalg.norm(flight.rate_scatter) * np.linalg.norm(design.lever_arm)
     derived = begin.derived
@@ -118,6 +121,7 @@ def start_of(
     # the start contains the lasting error of its heading, whose state is the last one
     if design.sensors.blocks[-1].sensor == HEADING and begin.kept is None:
         matrix[att, -1] = matrix[-1, att] = -(design.sensors.sigma[-1] ** 2) * alignment.by_heading
+    nav = start_clocks(nav, matrix, flight, begin, design.sensors)
     return _with_clock(nav, matrix, begin, ranges, scales)
 
 
@@ -128,7 +132,9 @@ def _with_clock(
     if not scales or ranges is None:
         return nav, matrix
     clock = _first_clock(begin, ranges, scales)
-    return np.concatenate([nav, clock]), with_unknown_clock(matrix, len(scales))
+    whole = np.zeros(states.NAV_SENSORS + matrix.shape[0] - states.SENSORS)
+    whole[: nav.size] = nav
+    return np.concatenate([whole, clock]), with_unknown_clock(matrix, len(scales))
 
 
 def _first_clock(begin: PartStart, ranges: Ranges, scales: tuple[int, ...]) -> np.ndarray:

@@ -16,6 +16,7 @@ from navsim.formats.text import Dropped, FileError
 from navsim.geodesy.magnetic import NoMagneticModel, declination
 from navsim.gnss.timescales import gps_from_utc
 from navsim.ranging import recording
+from navsim.ranging.model import RECEIVER
 from navsim.ranging.recording import RangeLog
 from navsim.recording_checks.diagnosis import examine
 from navsim.recording_checks.mistakes import Log, Mistake, relative_units
@@ -107,12 +108,19 @@ def _beacons(scenario: Replay, document: Document) -> RangeLog | None:
     """Ranges of beacons, if there are any. Raises InputError, also for beacons in local axes."""
     if scenario.ranges is None or scenario.sources is None:
         return None
-    end = np.inf if scenario.end_s is None else scenario.end_s
+    end = np.inf if scenario.end_s is None else scenario.end_s - scenario.ranges.time_offset_s
     log = recording.read_ranges(scenario.ranges, scenario.sources, (-np.inf, end), document)
     if log.sources.origin is None:
         key = ("sources", "positions" if scenario.sources.positions else "file")
         message = "local axes do not say where on Earth a beacon stands; give lat_deg, lon_deg and height_m"
         raise InputError([Problem(document.place(key), ".".join(key), message)])
+    known = (*log.sources.names, RECEIVER)
+    if scenario.clocks is not None and scenario.clocks.datum not in known:
+        message = (
+            f"{scenario.clocks.datum} has no range, so no other clock can be counted against its own; give one of "
+        )
+        key = ("clocks", "datum")
+        raise InputError([Problem(document.place(key), ".".join(key), message + ", ".join(known))])
     return log
 
 

@@ -140,12 +140,24 @@ def _aids(result: Result) -> list[Table]:
     for i, name in enumerate(result["/summary/aid"]):
         counts = (cell("{}", int(result[f"/summary/aid_{which}"][i])) for which in ("used", "rejected"))
         out.add(str(name), *counts, *(number(float(nis), 2) for nis in result["/summary/aid_nis"][i]))
+    if "/clock" in result:
+        return [out, _clocks(result)]
     if "/summary/beacon" not in result:
         return [out]
     biases = Table("Biases of the ranges at the end, m", ("beacon", "bias", "sigma"))
     for name, *value in zip(*(result[f"/summary/beacon{of}"] for of in ("", "_bias", "_bias_sigma")), strict=True):
         biases.add(str(name), *(number(float(x), 3) for x in value))
     return [out, biases]
+
+
+def _clocks(result: Result) -> Table:
+    """Clocks of one-way ranges at the end."""
+    datum = result.variables["/clock"].attributes["datum"]
+    out = Table(f"Clocks of the ranges against {datum} at the end", ("clock", "offset, m", "±", "rate, m/s", "±"))
+    columns = [result[f"/summary/clock_{name}"] for name in ("offset", "offset_sigma", "rate", "rate_sigma")]
+    for name, *values in zip(result["/clock"], *columns, strict=True):
+        out.add(str(name), *(number(float(x), digits) for x, digits in zip(values, (2, 2, 4, 4), strict=True)))
+    return out
 
 
 def _compared(result: Result) -> list[Table]:

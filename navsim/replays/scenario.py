@@ -15,11 +15,12 @@ from pydantic.json_schema import SkipJsonSchema
 from navsim.formats import conventions
 from navsim.formats.conventions import GnssConvention, ImuConvention
 from navsim.gnss.constellations.systems import SYSTEMS, USUAL, System
-from navsim.ranging.scenario import Growth, RangesSection, SourceTable
+from navsim.ranging.scenario import ClocksSection, Growth, RangesSection, SourceTable
 from navsim.scenario.filter import Components, Coupling, Kind
 from navsim.scenario.imu import Accelerometer, Gyro, filled
 from navsim.scenario.signals import ClockNoise
 from navsim.scenario.sky import Checksums, Files, Name
+from navsim.scenario.transmitters import ClockModel
 from navsim.scenario_files.base import (
     Checksum,
     CorrelationTime,
@@ -33,6 +34,7 @@ from navsim.scenario_files.base import (
     RecordedLatency,
     Section,
     Sigma,
+    SourceName,
     Triple,
     TripleOf,
     Utc,
@@ -384,22 +386,68 @@ class SideSlip(Section):
 
 
 class BeaconRanges(RangesSection):
-    """Two-way ranges to beacons, which the filter uses beside the fixes, also where these are withheld."""
+    """Ranges to beacons or pseudolites, which the filter uses beside the fixes, also where these are withheld."""
 
-    measurement: Literal["two_way"] = "two_way"
-    """the vehicle asks and the beacon answers, without a clock"""
+    measurement: Literal["two_way", "one_way"] = "two_way"
+    """two_way: the vehicle asks and the beacon answers, without a clock; one_way: pseudoranges, with a clock for each
+    source and one for the receiver, in `clocks`"""
+    time_offset_s: LogTime = 0.0
+    """added to the times of the ranges, which then count as those of the samples"""
     sigma_m: Sigma
     """1 sigma of the white noise of a range, of all alike: a column sigma_m is not used"""
     bias_sigma_m: NonNegative = 0.1
-    """1 sigma of the constant bias of each beacon, which the filter estimates; 0: none"""
+    """1 sigma of the constant bias of each beacon, which the filter estimates; 0: none, as for one_way, where the clock
+    contains it"""
     growth: Growth | None = None
-    """a further state of each beacon: a bias that grows with distance"""
+    """a further state of each beacon, for two_way: a bias that grows with distance"""
     survey_sigma_m: NonNegative = 0.0
     """1 sigma of each beacon's position, each axis, which the filter estimates; 0: known"""
     lever_arm_m: Triple = (0.0, 0.0, 0.0)
     """from the IMU to the antenna of the ranges: forward, right, down"""
     latency_s: RecordedLatency = 0.0
     """delay from the time a range is valid to its time in the file"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_bias_beside_a_clock(cls, data: Any) -> Any:
+        if isinstance(data, dict) and data.get("measurement") == "one_way":
+            return {"bias_sigma_m": 0.0, **data}
+        return data
+
+    @model_validator(mode="after")
+    def _clock_contains_biases(self) -> Self:
+        if self.measurement == "one_way":
+            if self.bias_sigma_m > 0.0:
+                raise reject("a constant bias cannot be told from the source's clock; leave it out", "bias_sigma_m")
+            if self.growth is not None:
+                raise reject("pseudoranges do not show the distance; leave growth out", "growth")
+        return self
+
+
+class OneWayClocks(ClocksSection):
+    """Clocks of one-way ranges. Ranges show only their differences, so one clock is the reference, against which the
+    others are counted."""
+
+    datum: SourceName
+    """source whose clock is the reference, or `receiver`"""
+    sources: ClockModel
+    """noise of each source's clock"""
+    receiver: ClockModel
+    """noise of the receiver's clock"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_a_reference(cls, data: Any) -> Any:
+        if isinstance(data, dict) and data.get("datum") is None:
+            raise reject(NO_REFERENCE, "datum")
+        return data
+
+
+NO_REFERENCE = (
+    "one-way ranges show only differences of clocks: an offset of all sources' clocks looks like one of the receiver's"
+    ". Name the clock against which the others are counted: a source, or receiver"
+)
+"""Why one clock has to be the reference."""
 
 
 class KnownSection(Section):
@@ -526,9 +574,11 @@ class Replay(Section):
     side_slip: SideSlip | None = None
     """wheels do not slip sideways; {}: with the defaults"""
     ranges: BeaconRanges | None = None
-    """ranges to beacons"""
+    """ranges to beacons or pseudolites"""
     sources: SourceTable | None = None
     """geodetic positions of these beacons"""
+    clocks: OneWayClocks | None = None
+    """clocks of `ranges.measurement: one_way`"""
     outages: ListOf[Outage] = ()
     """fixes withheld on purpose, to see the drift"""
     reference: ReferenceAttitude | None = None
@@ -550,6 +600,12 @@ class Replay(Section):
         if (self.ranges is None) != (self.sources is None):
             missing = "ranges" if self.ranges is None else "sources"
             raise reject("ranges and the positions of their sources belong together; give both", missing)
+        one_way = self.ranges is not None and self.ranges.measurement == "one_way"
+        if one_way and self.clocks is None:
+            raise reject(f"{NO_REFERENCE}, such as clocks: {{datum: receiver, sources: {{oscillator: ocxo}}, "
+                         "receiver: {oscillator: tcxo}}", "clocks")  # fmt: skip
+        if not one_way and self.clocks is not None:
+            raise reject("only ranges with `measurement: one_way` have clocks; leave this section out", "clocks")
         if self.ranges is not None and self.filter.kind in ("first-estimates", "observability-constrained"):
             raise reject("it takes each correction by a range for a change of specific force; use another", "filter",
                          "kind")  # fmt: skip

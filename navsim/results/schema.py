@@ -147,6 +147,7 @@ _REFERENCE = "with `reference`"
 _BET = "with `--bet`"
 _HEADING, _AIDED = "with `heading`", "with `heading`, `standstill`, `side_slip` or `ranges`"
 _RANGED = "with `ranges`"
+_CLOCKED = "with one-way `ranges`"
 _LOOSE_REPLAY, _TIGHT_REPLAY = "of a loosely coupled filter", "of a tightly coupled filter"
 _DOPS = ("gdop", "pdop", "hdop", "vdop", "tdop")
 RMS_WINDOW = 20.0
@@ -1047,6 +1048,20 @@ _REPLAY = Chapter(
         _a("/summary/beacon", "beacon", "1", "names of the beacons", REPLAY, TEXT, when=_RANGED),
         _a("/summary/beacon_bias", "beacon", "m", "constant bias of the ranges at the end", REPLAY, when=_RANGED),
         _a("/summary/beacon_bias_sigma", "beacon", "m", "1 sigma of it", REPLAY, when=_RANGED),
+        _a("/clock", "clock", "1", "names of the clocks in one-way ranges but the reference, its attribute "
+           "`datum`", REPLAY, TEXT, attributes=("datum",), when=_CLOCKED),
+        _a("/filter/clock_offset", "run time clock", "m", "estimated offset of the clock against the reference", REPLAY,
+           when=_CLOCKED),
+        _a("/filter/clock_rate", "run time clock", "m/s", "estimated rate of the clock against the reference", REPLAY,
+           when=_CLOCKED),
+        *(
+            _a(f"/summary/clock_{name}", "clock", units, f"{meaning} at the end, nan if the ranges do not show it",
+               REPLAY, when=_CLOCKED)
+            for name, units, meaning in (
+                ("offset", "m", "offset against the reference"), ("offset_sigma", "m", "1 sigma of it"),
+                ("rate", "m/s", "rate against the reference"), ("rate_sigma", "m/s", "1 sigma of it"),
+            )
+        ),
         _a("/lost/span", "span", "1", "number of the time at which the output is unusable", REPLAY, WHOLE),
         _a("/lost/start", "span", "s", "when the filter was lost", REPLAY),
         _a("/lost/end", "span", "s", "time of the restart, or end of the flight", REPLAY),

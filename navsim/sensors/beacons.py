@@ -20,7 +20,7 @@ import numpy as np
 
 from navsim.filter.error_products import FIRST, SECOND
 from navsim.filter.measurement_kinds import BEACON, BEACON_STATES, PRODUCT, BeaconTable
-from navsim.filter.states import Block, TransmitterClockModel
+from navsim.filter.states import Block, ReferenceClock, TransmitterClockModel
 from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.atmosphere import SCALE_HEIGHT
 from navsim.gnss.events import BEACONS, Event, EventEffects, Scene, Silence, happened
@@ -33,6 +33,10 @@ from navsim.sensors.aiding import AidingSensor, SensorError
 from navsim.statistics.random_streams import branch
 from navsim.trajectory.kinematics import Frame, Moving
 
+RECEIVER_CLOCK = "beacons_clock{}"
+"""Name of the states of the receiver's clock in one-way ranges: of the offset, and with `_rate` of the rate."""
+NO_REFERENCE = ReferenceClock()
+"""Clocks are counted against a time without noise."""
 _NO_CHANCE = 1e-6
 """Probability of so many outliers of a beacon in a row that rather the filter is wrong."""
 _STATES = ("bias", "bias_growth", "position", "position", "position")
@@ -387,9 +391,7 @@ class Beacons(AidingSensor):
             own = Block(f"{self.name}_refractivity", "1", BEACON, first=first + 2, size=1)
             out.append((own, self.design.air_sigma))
         if (clock := self.design.clock) is not None:
-            model = TransmitterClockModel(*clock.density, 0.0)
-            out.append((Block(f"{self.name}_clock", "m", BEACON, first=first, size=1, clock=model), clock.offset))
-            out.append((Block(f"{self.name}_clock_rate", "m/s", BEACON, first=first + 1, size=1), clock.rate))
+            out += clock_blocks(RECEIVER_CLOCK, first, clock.density, (clock.offset, clock.rate))
         if self.design.second_order:
             each = (f"{self.name}_product{axes}" for axes in _PRODUCTS)
             out += [(Block(name, "m2", PRODUCT, first=k, size=1), 1.0) for k, name in enumerate(each)]
@@ -403,6 +405,18 @@ def blocks_of(names: Sequence[str], errors: BeaconErrors) -> Iterator[tuple[Bloc
             if sigma > 0.0:
                 name = f"{Beacons.name}_{_STATES[k]}_{beacon}{_AXES[k]}"
                 yield Block(name, "m", BEACON, first=BEACON_STATES * number + k, size=1), sigma
+
+
+def clock_blocks(
+    name: str, first: int, density: tuple[float, float], sigma: tuple[float, float],
+    reference: ReferenceClock = NO_REFERENCE,
+) -> list[tuple[Block, float]]:  # fmt: skip
+    """Offset and rate of a clock in one-way ranges, with their 1 sigma, m, m/s; first: number of the offset among the
+    errors of beacons. density: of the white noises of phase and frequency, m2/s, m2/s3; without the reference clock."""
+    model = TransmitterClockModel(*density, 0.0, reference)
+    offset = Block(name.format(""), "m", BEACON, first=first, size=1, clock=model)
+    rate = Block(name.format("_rate"), "m/s", BEACON, first=first + 1, size=1)
+    return [(offset, sigma[0]), (rate, sigma[1])]
 
 
 def largest_range(radiated: float, gain: float, sensitivity: float, carrier: float) -> float:
