@@ -218,6 +218,15 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "ranges={file: ranges.csv, sigma_m: 0.1, source_columns: {D0: north}}",
             "sources={file: beacons.csv, columns: {source: name}}",
         )),
+        ("recorded_flight", (
+            "ranges={file: ranges.csv, measurement: one_way, sigma_m: 0.5, time_offset_s: -18}",
+            "sources={file: pseudolites.csv}",
+            "clocks={datum: receiver, sources: {oscillator: ocxo}, receiver: {h0: 1.0e-21, h_minus2: 2.0e-20}}",
+        )),
+        ("recorded_flight", (
+            "ranges={file: ranges.csv, measurement: one_way, sigma_m: 0.5}", "sources={file: pseudolites.csv}",
+            "clocks={datum: PL1, sources: {h0: 8.0e-20, h_minus2: 4.0e-23}, receiver: {oscillator: tcxo}}",
+        )),
     ),
     "ranges": (
         ("recorded_ranges", (

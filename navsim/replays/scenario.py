@@ -418,7 +418,7 @@ class BeaconRanges(RangesSection):
     def _clock_contains_biases(self) -> Self:
         if self.measurement == "one_way":
             if self.bias_sigma_m > 0.0:
-                raise reject("a constant bias cannot be told from the source's clock; leave it out", "bias_sigma_m")
+                raise reject("the source's clock contains a constant bias; leave it out", "bias_sigma_m")
             if self.growth is not None:
                 raise reject("pseudoranges do not show the distance; leave growth out", "growth")
         return self

@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag, expm
 
+from navsim.filter import states
+from navsim.formats.recorded_data import Ranges
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.replays import study
+from navsim.replays.flight_tables import _with_clock
+from navsim.replays.recorded_flight import KnownStart, PartStart
 from navsim.results.findings import of
 from navsim.results.result import Result
 from navsim.scenario.load import read_replay
@@ -249,7 +253,7 @@ def test_every_clock_is_consistent(tmp_path: Path) -> None:
         (OWN.splitlines()[0], "", "Name the clock against which the others are counted"),
         ("datum: c", "datum: e", "e has no range"),
         ("one_way", "two_way", "only ranges with `measurement: one_way` have clocks"),
-        ("sigma_m: 0.2", "sigma_m: 0.2, bias_sigma_m: 0.1", "cannot be told from the source's clock"),
+        ("sigma_m: 0.2", "sigma_m: 0.2, bias_sigma_m: 0.1", "clock contains a constant bias"),
         ("sigma_m: 0.2", "sigma_m: 0.2, growth: {sigma_m: 1}", "do not show the distance"),
     ],
 )
@@ -257,3 +261,18 @@ def test_what_cannot_be_told_apart_is_refused(old: str, new: str, message: str, 
     recorded(tmp_path, 11, OWN.replace(old, new))
     with pytest.raises(InputError, match=message):
         study.prepare(*read_replay(tmp_path / "log.yaml", FIXED))
+
+
+def test_the_clock_of_satellites_comes_behind_all_sensor_states() -> None:
+    """Of a tightly coupled filter that has more states than biases, as headings, wheels and ranges give it."""
+    place = ecef_from_llh(np.array([0.8, 0.2, 100.0]))
+    away, zero = np.add(place, [[[2e7, 0.0, 0.0]]]), np.zeros((1, 1, 3))
+    one = np.ones((1, 1))
+    measured = (2e7 * one, (2e7 + 500.0) * one, 3.0 * one, one)
+    ranges = Ranges(np.ones(1), ("G01",), np.zeros(1, int), ("gps",), away, zero, *measured)
+    known = KnownStart(0.0, np.concatenate([[0.8, 0.2, 100.0], np.zeros(3), [1.0], np.zeros(13)]), np.ones(9))
+    nav, covariance = _with_clock(known.navigation, np.eye(18), PartStart.at(known), ranges, (0,))
+    assert nav.size == states.NAV_SENSORS + 20 - states.SENSORS
+    assert covariance.shape == (20, 20)
+    np.testing.assert_allclose(nav[20:23], 0.0)
+    np.testing.assert_allclose(nav[23:], [500.0, 3.0], atol=1e-6)
