@@ -136,4 +136,10 @@ MISTAKES = [
     Made("UTC for GPS time", _times(shift=-18.0), {"gnss.time_offset_s": 18.0}, needs("turns")),
     Made("five seconds late", _times(shift=5.0), {"gnss.time_offset_s": -5.0}, needs("turns")),
     Made("a second early", _times(shift=-1.0), {"gnss.time_offset_s": 1.0}, needs("turns")),
+    Made("left-handed axes", _imu(lambda w: w * Y, lambda f: f * Y), {"imu.axes": "FLD"}, needs("turns")),
+    Made(
+        "heights and climbs in feet",
+        lambda s, g: (s, replace(g, llh=g.llh / [1.0, 1.0, FEET], velocity=g.velocity / [1.0, 1.0, FEET])),
+        {"gnss.height_unit": "ft", "gnss.vertical_speed_unit": "ft/s"}, needs("climbs", "vertical"),
+    ),
 ]  # fmt: skip

@@ -179,7 +179,8 @@ def gained(fixes: Fixes, scale: np.ndarray, piece: float = PIECE, pieces: int = 
         run = run[whole[run]]
         windows += [run[first : first + pieces] for first in range(0, run.size - pieces + 1, pieces)]
     whole_windows = np.reshape(windows, (-1, pieces)).astype(int)
-    rough = np.median(np.abs(np.diff(velocity, 2, axis=0)), axis=0) if len(velocity) > 2 else np.ones(3)
+    written = velocity / np.minimum(1.0, scale)
+    rough = np.median(np.abs(np.diff(written, 2, axis=0)), axis=0) if len(velocity) > 2 else np.ones(3)
     down = np.clip(rough[:2].mean() / max(rough[2], 1e-9), LEAST_WEIGHT, 1.0)
     return VelocityGains(edges, change, velocity, whole_windows, np.maximum(1.0, 1.0 / scale) * [1.0, 1.0, down])
 

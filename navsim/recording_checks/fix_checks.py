@@ -16,7 +16,15 @@ from navsim.formats import conventions
 from navsim.formats.conventions import LEVEL_AXES, axes_letters, axes_matrix
 from navsim.formats.recorded_data import Fixes
 from navsim.geodesy import earth
-from navsim.recording_checks.fix_readings import position_readings, with_angles, with_columns_exchanged
+from navsim.recording_checks.fix_readings import (
+    EAST_NORTH,
+    OF_ALL_COLUMNS,
+    is_on_earth,
+    position_readings,
+    with_all_columns_exchanged,
+    with_angles,
+    with_columns_exchanged,
+)
 from navsim.recording_checks.mistakes import (
     CERTAIN,
     OF_HEIGHTS,
@@ -37,6 +45,8 @@ FITS, MISFITS = 0.35, 0.5
 on."""
 ACCEPTED = 0.15
 """Fit that a correction must reach."""
+EXCHANGED = 0.25
+"""Fit of exchanged columns over that of columns as written from which on they are exchanged."""
 LARGEST_LAG, FEWEST_STEPS, LAG_SHOWS = 4.0, 20, 1.5
 """Largest lag of the velocities that is tried, s; changes of position that it needs; and by how much their mean square
 difference from the velocities has to be larger without it."""
@@ -77,6 +87,11 @@ def interpretations(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
         for name, line, mirror in (("latitude", "parallel", [-1.0, 1.0]), ("longitude", "meridian", [1.0, -1.0])):
             if _relative_residual(way[:, :2] * mirror, summed[:, :2], SHORTEST_WAYS)[0] <= MISFITS:
                 unseen.append(f"sign of the {name}: the way leads along a {line}, and either sign fits the velocities")
+        exchanged = with_all_columns_exchanged(log)[0].fixes
+        if is_on_earth(exchanged) and misfit(exchanged) <= 1.5 * misfit(log.fixes) + 0.02:
+            unseen.append(
+                f"order of the columns, {EAST_NORTH}: positions and velocities agree in both, only turns tell"
+            )
     turned = any(set(remedy) == {"gnss.velocity_axes"} for mistake in more for remedy in mistake.remedies[:1])
     if turned and not (known and _climbs(log)):
         # east, north, down is rare, but the vertical velocity does not show it
@@ -217,6 +232,8 @@ def _level(log: Log) -> tuple[list[Mistake], list[Log]]:
     if np.isnan(as_written):
         return [], [log]
     if as_written <= MISFITS:
+        if not log.sentences and (exchanged := _east_before_north(log, as_written)) is not None:
+            return [exchanged[0]], [exchanged[1]]
         found, log = _speed(log, way[:, :2], summed[:, :2])
         return found, [log]
     written = "kn" if log.sentences else log.gnss.speed_unit
@@ -262,6 +279,28 @@ def _level(log: Log) -> tuple[list[Mistake], list[Log]]:
     told = " or ".join(options[i][4] for i in chosen)
     remedies = () if log.sentences else tuple(options[i][3] for i in chosen)
     return [Mistake(evidence, told, remedies, "gnss")], [options[i][2] for i in chosen]
+
+
+def misfit(fixes: Fixes) -> float:
+    """Relative difference of displacements and integrated velocities, horizontal, as of `_relative_residual`."""
+    way, summed = _moved(fixes)
+    return _relative_residual(way[:, :2], summed[:, :2], SHORTEST_WAYS)[0]
+
+
+def _east_before_north(log: Log, as_written: float) -> tuple[Mistake, Log] | None:
+    """The mistake of columns in the order east, north, of positions and velocities alike, and the corrected log.
+
+    Both agree as written, but for the length of a degree of longitude, which tells where it differs enough.
+    """
+    cured, remedy = with_all_columns_exchanged(log)
+    found = misfit(cured.fixes) if is_on_earth(cured.fixes) else np.nan
+    if not found <= min(ACCEPTED, EXCHANGED * as_written):
+        return None
+    evidence = (
+        f"the velocities differ from the change of position by {100.0 * as_written:.0f} %, with latitude and "
+        f"longitude exchanged by {100.0 * found:.0f} %"
+    )
+    return Mistake(evidence, OF_ALL_COLUMNS, (remedy,)), cured
 
 
 def _decided_by_motion(found: list[Mistake], cures: list[Log]) -> tuple[list[Mistake], list[Log]]:

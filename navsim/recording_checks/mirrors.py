@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from navsim.formats import conventions
 from navsim.formats.conventions import BODY_AXES, LEVEL_AXES, axes_letters, axes_matrix
+from navsim.recording_checks.fix_checks import misfit
+from navsim.recording_checks.fix_readings import OF_ALL_COLUMNS, is_on_earth, with_all_columns_exchanged
 from navsim.recording_checks.mistakes import Log, Mistake
 
 
 def without_mirrors(found: list[Mistake], log: Log) -> list[Mistake]:
     """Replace axes that together make a mirrored trajectory consistent by the wrong sign that mirrors it.
 
-    A negated longitude mirrors positions. Left-handed axes of velocities and accelerometers, with gyros of the other
-    sense, mirror all else. The two cannot be distinguished, so navsim takes the one with fewer departures from the
-    usual axes.
+    A negated longitude mirrors positions, and so do exchanged columns. Left-handed axes of velocities and
+    accelerometers, with gyros of the other sense, mirror all else. The two cannot be distinguished, so navsim takes the
+    one with fewer departures from the usual axes. If a mistake has as many, navsim names all.
 
     found: mistakes of the sensors; log: as written and corrected before these.
     """
@@ -25,27 +29,34 @@ def without_mirrors(found: list[Mistake], log: Log) -> list[Mistake]:
     if log.sentences or not np.isfinite(log.fixes.velocity[:, :2]).any():
         return found
     written = (log.gnss.position_axes, log.gnss.velocity_axes, gyro, accelerometer)
-    mirrored = [each for axis in (0, 1) if _departures(*(each := _mirrored(axis, written))) < _departures(*written)]
+    mirrored: list[tuple[_Axes, dict[str, Any], int, str]] = [
+        (each, {}, _departures(*each), f"{name} seems to have the other sign")
+        for axis, name in enumerate(("latitude", "longitude"))
+        for each in [_mirrored(axis, written)]
+    ]
+    mirrored += _exchanged(log, written)
+    most = _departures(*written) - (not found)
+    mirrored = [each for each in mirrored if each[2] <= most]
     if not mirrored:
         return found
-    least = min(_departures(*each) for each in mirrored)
+    least = min(departures for *_, departures, _ in mirrored)
     keys = ("gnss.position_axes", "gnss.velocity_axes", "imu.gyro_axes", "imu.accelerometer_axes")
     now = (log.gnss.position_axes, log.gnss.velocity_axes, log.imu.gyro_axes, log.imu.accelerometer_axes)
-    chosen = [each for each in mirrored if _departures(*each) == least]
-    seems = [
-        f"{name} seems to have the other sign"
-        for name, axis in (("latitude", 0), ("longitude", 1))
-        if any(each[0][axis] != written[0][axis] for each in chosen)
+    chosen = [each for each in mirrored if each[2] == least]
+    chosen.sort(key=lambda each: not each[1])  # columns in another order are the more usual mistake
+    seems = [text for *_, text in chosen]
+    remedies = [
+        {key: value for key, value, before in zip(keys, each, now, strict=True) if value != before} | columns | remedy
+        for each, columns, *_ in chosen
     ]
-    remedies = tuple(
-        {key: value for key, value, before in zip(keys, each, now, strict=True) if value != before} | remedy
-        for each in chosen
-    )
+    if least == _departures(*written):
+        seems.append(found[0].seems)
+        remedies.append(dict(found[0].remedies[0]))
     evidence = (
         f"velocity_axes {written[1]} needs gyro_axes {gyro} and accelerometer_axes {accelerometer}: together they "
         "mirror the world"
     )
-    return [Mistake(evidence, " or ".join(seems), remedies, "gnss")]
+    return [Mistake(evidence, " or ".join(seems), tuple(remedies), "gnss")]
 
 
 _Axes = tuple[str, str, str, str]
@@ -55,16 +66,32 @@ _Axes = tuple[str, str, str, str]
 def _mirrored(axis: int, written: _Axes) -> _Axes:
     """The same recording with north (axis 0) or east (1) reversed: only the fixes' positions differ. The body is
     mirrored left to right, which keeps forward and down; a mirror reverses the sense of rotations."""
-    position, velocity, gyro, accelerometer = written
-    level, body = np.eye(3), np.diag([1.0, -1.0, 1.0])
+    level = np.eye(3)
     level[axis, axis] = -1.0
-    signs = np.array(conventions.POSITION_AXES[position]) * np.diag(level)[:2]
+    signs = np.array(conventions.POSITION_AXES[written[0]]) * np.diag(level)[:2]
+    position = next(name for name, each in conventions.POSITION_AXES.items() if np.array_equal(each, signs))
+    return position, *_turned(level, written)
+
+
+def _turned(level: np.ndarray, written: _Axes) -> tuple[str, str, str]:
+    """Axes of velocities, gyros and accelerometers in the world mirrored by `level` (3, 3)."""
+    _, velocity, gyro, accelerometer = written
+    body = np.diag([1.0, -1.0, 1.0])
     return (
-        next(name for name, each in conventions.POSITION_AXES.items() if np.array_equal(each, signs)),
         axes_letters(level @ axes_matrix(velocity, LEVEL_AXES), LEVEL_AXES),
         axes_letters(-body @ axes_matrix(gyro, BODY_AXES), BODY_AXES),
         axes_letters(body @ axes_matrix(accelerometer, BODY_AXES), BODY_AXES),
     )
+
+
+def _exchanged(log: Log, written: _Axes) -> list[tuple[_Axes, dict[str, Any], int, str]]:
+    """The mirror of exchanged columns of latitude and longitude, if the positions then agree with the velocities as
+    well as before: axes, columns, departures, statement."""
+    cured, remedy = with_all_columns_exchanged(log)
+    if not is_on_earth(cured.fixes) or not misfit(cured.fixes) <= 1.5 * misfit(log.fixes) + 0.02:
+        return []
+    axes = written[0], *_turned(np.eye(3)[[1, 0, 2]], written)
+    return [(axes, {"gnss.columns": remedy["gnss.columns"]}, 1 + _departures(*axes), OF_ALL_COLUMNS)]
 
 
 def _departures(position: str, velocity: str, gyro: str, accelerometer: str) -> int:

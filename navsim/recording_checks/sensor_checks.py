@@ -27,7 +27,7 @@ from navsim.recording_checks.axes_fit import (
     fitted,
     gained,
 )
-from navsim.recording_checks.fix_readings import position_readings
+from navsim.recording_checks.fix_readings import is_on_earth, position_readings
 from navsim.recording_checks.mistakes import (
     CERTAIN,
     OF_SENSORS,
@@ -81,20 +81,44 @@ def _readings(log: Log) -> list[_Interpretation]:
     if not known[:, :2].all() and not log.sentences:
         logs += position_readings(log)
     if not known[:, 2].all():
-        for unit, factor in relative_units(conventions.HEIGHT_UNITS, log.gnss.height_unit).items():
-            scale = np.array([1.0, 1.0, factor])
-            fixes = replace(log.fixes, llh=log.fixes.llh * scale)
-            written = replace(log, fixes=fixes, gnss=replace(log.gnss, height_unit=unit))
-            if log.sentences:
-                logs.append((written, {}, f"the sentences seem to give heights in {unit}", scale))
-            else:
-                logs.append((written, {"gnss.height_unit": unit}, f"heights seem to be in {unit}", scale))
-    logs = [entry for entry in logs if np.degrees(np.abs(entry[0].fixes.llh[:, 0])).max() <= 90.0]
+        logs += _with_heights(log)
+    if known[:, 2].any() and not log.sentences:
+        logs += _with_heights_and_climbs(log)
+    logs = [entry for entry in logs if is_on_earth(entry[0].fixes)]
     counts = _compared(log)
     return [
         _Interpretation(each.fixes.with_velocity()[0].take(counts), each, remedy, seems, scale)
         for each, remedy, seems, scale in logs
     ]
+
+
+def _with_heights(log: Log) -> list[tuple[Log, Mapping[str, Any], str, np.ndarray]]:
+    """Interpretations of the heights in other units, as those of `_readings`."""
+    out: list[tuple[Log, Mapping[str, Any], str, np.ndarray]] = []
+    for unit, factor in relative_units(conventions.HEIGHT_UNITS, log.gnss.height_unit).items():
+        scale = np.array([1.0, 1.0, factor])
+        fixes = replace(log.fixes, llh=log.fixes.llh * scale)
+        written = replace(log, fixes=fixes, gnss=replace(log.gnss, height_unit=unit))
+        if log.sentences:
+            out.append((written, {}, f"the sentences seem to give heights in {unit}", scale))
+        else:
+            out.append((written, {"gnss.height_unit": unit}, f"heights seem to be in {unit}", scale))
+    return out
+
+
+def _with_heights_and_climbs(log: Log) -> list[tuple[Log, Mapping[str, Any], str, np.ndarray]]:
+    """The same of heights and vertical velocities that agree, in units of the same length."""
+    out: list[tuple[Log, Mapping[str, Any], str, np.ndarray]] = []
+    speeds = relative_units(conventions.VERTICAL_SPEED_UNITS, log.gnss.vertical_speed_unit or log.gnss.speed_unit)
+    for unit, factor in relative_units(conventions.HEIGHT_UNITS, log.gnss.height_unit).items():
+        scale = np.array([1.0, 1.0, factor])
+        for speed in [name for name, other in speeds.items() if np.isclose(other, factor)]:
+            fixes = replace(log.fixes, llh=log.fixes.llh * scale, velocity=log.fixes.velocity * scale)
+            gnss = replace(log.gnss, height_unit=unit, vertical_speed_unit=speed)
+            remedy = {"gnss.height_unit": unit, "gnss.vertical_speed_unit": speed}
+            seems = f"heights seem to be in {unit}, vertical velocities in {speed}"
+            out.append((replace(log, fixes=fixes, gnss=gnss), remedy, seems, scale))
+    return out
 
 
 def _usual_offset(log: Log) -> tuple[float, tuple[float, float]]:
@@ -330,8 +354,8 @@ def motion(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
     first = options[0]
     if first.changes == 0:
         known = _OF_TIMES | log.declared | ({"imu.axes"} if len(log.declared) == 2 else set())
-        seen = (e for e in options if e.changes == 1 and e.usual and not known & set(e.remedy))
-        hidden = {"another horizontal axis forward" if _turns_forward(e) else without_seem(e.seems) for e in seen}
+        seen = (e for e in options if e.changes == 1 and not known & set(e.remedy))
+        hidden = {_as_hidden(e) for e in seen if e.usual or _is_left_handed(e)}
         if hidden:
             unseen.append(f"{', '.join(sorted(hidden))}: with this mistake the data would fit equally well")
         return [], log
@@ -380,6 +404,19 @@ def _is_alias(explanation: _Explanation, latency: _Explanation) -> bool:
 def _turns_forward(explanation: _Explanation) -> bool:
     """Whether all it does is to turn both triads about the vertical."""
     return list(explanation.remedy) == ["imu.axes"] and explanation.remedy["imu.axes"][2] == "D"
+
+
+def _is_left_handed(explanation: _Explanation) -> bool:
+    """Whether all it does is to let both triads point along the same left-handed axes."""
+    axes = explanation.remedy.get("imu.axes") if len(explanation.remedy) == 1 else None
+    return axes is not None and float(np.linalg.det(axes_matrix(axes, BODY_AXES))) < 0.0
+
+
+def _as_hidden(explanation: _Explanation) -> str:
+    """The mistake that the motion does not show, as a noun phrase."""
+    if _is_left_handed(explanation):
+        return f"left-handed axes {explanation.remedy['imu.axes']} of gyros and accelerometers"
+    return "another horizontal axis forward" if _turns_forward(explanation) else without_seem(explanation.seems)
 
 
 def _always(hypothesis: AxesHypothesis, offset: float) -> bool:

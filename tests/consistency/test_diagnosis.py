@@ -281,7 +281,7 @@ def test_what_cannot_be_judged_is_listed() -> None:
     samples, fixes = drone()
     _, vertical, motion = examine(Log(samples, replace(fixes, velocity=fixes.velocity * [1.0, 1.0, np.nan]))).not_judged
     assert vertical == "sign of the vertical velocity, unit of the height: the fixes have no such velocity"
-    assert motion == nose
+    assert motion == nose.replace(":", ", heights in ft:", 1)
     _, horizontal, _, sensors = examine(Log(samples.between(0.0, 15.0), fixes.take(fixes.time < 15.0))).not_judged
     assert horizontal.startswith("unit and axes of the horizontal velocity, unit of the angles: fewer than three")
     assert sensors.startswith("signs, columns and axes of the sensors, unit of the gyros, clocks: fewer than two")
@@ -397,6 +397,35 @@ def test_at_the_equator_exchanged_angles_are_told_from_exchanged_velocities() ->
     assert found.remedies == ({"gnss.columns": {"lat_deg": "lon_deg", "lon_deg": "lat_deg"}},)
     (found,) = diagnose(Log(samples, replace(fixes, llh=at_equator, velocity=fixes.velocity[:, [1, 0, 2]])))
     assert found.remedies == ({"gnss.velocity_axes": "END"},)
+
+
+EAST_NORTH = {"gnss.columns": {"lat_deg": "lon_deg", "lon_deg": "lat_deg"}, "gnss.velocity_axes": "END"}
+
+
+def test_columns_in_the_order_east_north_are_named() -> None:
+    """At 10 E, where exchanged latitudes stay valid, the length of a degree of longitude tells. At the equator the
+    gyros tell, but not from wrong signs; without turns it is listed."""
+    samples, fixes = aircraft()
+    lat, lon, height = fixes.llh.T
+    order = [1, 0, 2]
+    for there, others in (
+        (np.column_stack([lat, lon - lon[0] + np.radians(10.0), height]), 0),
+        (np.column_stack([lat - lat[0], (lon - lon[0]) * np.cos(lat[0]), height]), 3),
+    ):
+        (found,) = diagnose(Log(samples, Fixes(fixes.time, there[:, order], fixes.velocity[:, order])))
+        assert found.remedies[0] == EAST_NORTH
+        assert len(found.remedies) == 1 + others
+    samples, fixes = level()
+    near = replace(fixes, llh=fixes.llh - [*fixes.llh[0, :2], 0.0])
+    assert any(each.startswith("order of the columns") for each in examine(Log(samples, near)).not_judged)
+
+
+def test_left_handed_axes_that_the_motion_does_not_show_are_listed() -> None:
+    """In the shallow turns of the shipped flight."""
+    made = BY_NAME["left-handed axes"]
+    found = examine(Log(*made.make(*weaving())))
+    assert found.mistakes == []
+    assert "left-handed axes FLD of gyros and accelerometers" in "; ".join(found.not_judged)
 
 
 @pytest.mark.parametrize("mounted", in_brief(["FRD", "FLU"], 1))
