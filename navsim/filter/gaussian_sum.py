@@ -207,10 +207,10 @@ def _set_bias_axes(nav, p, before, dt, axes):
     variance, now = small_vector(nav, 3), small_vector(nav, 4)
     old, new = small_matrix(nav, 3, 3), small_matrix(nav, 3, 3)
     copy(q, now)
+    # what a turn would hold are the axes from before it
     copy(before, q)
     share = _second_order_axes(nav, axes, old)
     copy(now, q)
-    tfg.bias_axes(nav, axes)
     for i in range(3):
         variance[i] = 0.0
         for j in range(3):

@@ -262,6 +262,7 @@ def test_a_turn_is_held_back_until_heading_is_known() -> None:
     biases about equally well."""
     first = Rotation.from_euler("ZYX", [0.4, 0.1, 0.0])
     bank, nod = Rotation.from_rotvec([0.2, 0.0, 0.0]), Rotation.from_rotvec([0.0, 0.05, 0.0])
+    dive = Rotation.from_rotvec([0.0, 0.3, 0.0])
     unknown, known = np.array([1.0, 2.0, 700.0]), np.array([1.0, 2.0, 8.0])
 
     def after(frame: np.ndarray, turn: Rotation, heading: float, gyros: np.ndarray, pitch: float = 0.1) -> np.ndarray:
@@ -286,6 +287,8 @@ def test_a_turn_is_held_back_until_heading_is_known() -> None:
     np.testing.assert_array_equal(after(fixed, level, 0.002, unknown), body)
     np.testing.assert_allclose(-after(fixed, nod, 0.2, unknown), nodded, atol=1e-12)
     np.testing.assert_allclose(after(body, nod, 0.2, unknown), nodded, atol=1e-12)
+    # between two fixes the body may turn by more than the ratio of the sigmas
+    np.testing.assert_allclose(after(body, dive, 0.2, unknown), dive.as_quat(scalar_first=True), atol=1e-12)
     np.testing.assert_allclose(after(held, level, 0.2, unknown), held, atol=1e-12)
     np.testing.assert_array_equal(after(held, level, 0.01, unknown), plain)
     np.testing.assert_allclose(after(nodded, level, 0.01, unknown), nodded, atol=1e-12)
