@@ -11,6 +11,7 @@ import atexit
 import functools
 import gc
 import importlib
+import importlib.util
 import json
 import os
 import pkgutil
@@ -45,6 +46,8 @@ RARE = ("navsim.__main__", "navsim.runner.cluster")
 """Modules that forks load by themselves."""
 LATE = ("scipy.stats", "shapely")
 """Modules that searches load when they begin."""
+XARRAY = ("xarray", "h5netcdf.legacyapi", *(["dask.array"] if importlib.util.find_spec("dask") else []))
+"""Modules that xarray loads to open a result."""
 HANG_S = 10.0
 """A command that has to refuse its input and takes longer hangs."""
 MOST_MB = 1000.0
@@ -209,6 +212,14 @@ def shared() -> Forks:
     forks = Forks(Path(folder.name), warm)
     atexit.register(forks.close)
     return forks
+
+
+@functools.cache
+def installed() -> str:
+    """The program `navsim`, whose commands are forks; it hears signals and has standard input as any other."""
+    folder = tempfile.TemporaryDirectory(prefix="navsim-programs-")
+    atexit.register(folder.cleanup)
+    return str(shared().programs(Path(folder.name)) / NAVSIM)
 
 
 def navsim(*arguments: object, cwd: Path, code: int | None = 0, **how: object) -> subprocess.CompletedProcess[str]:

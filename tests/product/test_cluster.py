@@ -275,12 +275,16 @@ def test_a_late_worker_of_another_version_is_named(cluster: Cluster, monkeypatch
         pool.close()
 
 
-def test_nobody_answers(place: Path) -> None:
+def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    from navsim.runner import cluster as module
+    from navsim.runner.job import OptionError
+
+    monkeypatch.setattr(module, "CONNECT_S", 0.3)
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{probe.getsockname()[1]}"
-        done = navsim(*LONG, "-o", "refused.h5", "--scheduler", address, cwd=place, code=2)
-    assert f"--scheduler {address}: no scheduler answers there" in done.stderr
+        with pytest.raises(OptionError, match=f"--scheduler {address}: no scheduler answers there"):
+            module.Cluster(address)
 
 
 @pytest.mark.parametrize(

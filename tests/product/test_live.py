@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import atexit
 import dataclasses
 import datetime
-import functools
 import json
 import os
 import pty
@@ -14,7 +12,6 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 import tty
 import types
@@ -40,7 +37,7 @@ from navsim.sensors import imu
 from navsim.simulation.measurement_tables import table_of_fixes
 from navsim.simulation.measurements import measured, receiver_fixes
 from navsim.statistics.random_streams import generator
-from tests.forks import shared
+from tests.forks import installed
 from tests.helpers import SCENARIOS, case, in_brief
 from tests.layout import as_declared
 from tests.product.test_fuzz_readers import sentence
@@ -196,16 +193,8 @@ def test_an_imu_in_the_loop() -> None:
     assert np.sqrt(np.mean(session.filter.estimates()["error"][-20:, :3] ** 2)) < 2.0
 
 
-@functools.cache
-def program() -> str:
-    """The program whose commands are forks; it hears signals and has standard input as any other."""
-    folder = tempfile.TemporaryDirectory(prefix="navsim-live-")
-    atexit.register(folder.cleanup)
-    return str(shared().programs(Path(folder.name)) / "navsim")
-
-
 def navsim(*arguments: str, cwd: Path, text: str | None = None) -> subprocess.CompletedProcess[str]:
-    command = [program(), *arguments]
+    command = [installed(), *arguments]
     return subprocess.run(command, cwd=cwd, input=text, capture_output=True, text=True, check=False, timeout=120)
 
 
@@ -767,7 +756,7 @@ def test_an_imu_in_the_loop_of_a_late_receiver() -> None:
 
 
 def started(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
-    command = [program(), *SCENARIO, "--receiver", "-", "--silence", "100", *arguments]
+    command = [installed(), *SCENARIO, "--receiver", "-", "--silence", "100", *arguments]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     # the tests may themselves run where interrupts are ignored, as in the background of a script
     return subprocess.Popen(command, cwd=cwd, text=True, preexec_fn=_listening, **pipes)

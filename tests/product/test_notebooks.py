@@ -17,7 +17,7 @@ import pytest
 
 from tests import at_length
 from tests.conftest import ROOT
-from tests.forks import PYTHON, shared
+from tests.forks import PYTHON, XARRAY, shared
 
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.md"))
 TABLE = ROOT / "tests" / "notebooks_at_length.txt"
@@ -45,7 +45,7 @@ def executed(file: Path, form: Callable[[str], str] = str) -> tuple[str, int]:
     """All that a notebook prints whose cells, in some form, run in its folder, and the number of its figures."""
     before = {path.name for path in file.parent.iterdir()}
     if form is in_brief:
-        shared().prepare(modules=["xarray", "h5netcdf", "matplotlib.pyplot"])
+        shared().prepare(modules=[*XARRAY, "matplotlib.pyplot"])
         count = "\nprint('figures:', len(plt.get_fignums()))"
         done = shared().run("-c", form(cells(file)) + count, cwd=file.parent, limit_s=600.0, program=PYTHON)
         assert done.code == 0, done.err

@@ -11,7 +11,6 @@ import shutil
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -37,8 +36,8 @@ from navsim.planner.session import PlannerSession
 from navsim.planner.target import Target
 from navsim.results.result import read
 from navsim.scenario_files.source import InputError, load
-from tests.conftest import ROOT, SCENARIOS
-from tests.forks import navsim
+from tests.conftest import SCENARIOS
+from tests.forks import installed, navsim
 from tests.product.conftest import opened
 
 EVIL = "<script>alert('title')</script>"
@@ -80,18 +79,16 @@ OVERLAY = """{"type": "FeatureCollection", "features": [
 
 @contextmanager
 def served(*arguments: object, cwd: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """A planner and its address."""
-    command = [sys.executable, "-m", "navsim", "plan", *map(str, arguments), "--port", "0", "--no-browser"]
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONSAFEPATH": "1"}
-    process = subprocess.Popen(command, cwd=cwd, env=environment, text=True, stdout=subprocess.PIPE,
-                               stderr=subprocess.PIPE)  # fmt: skip
+    """A planner and its address: a fork of a process that has all loaded, which hears signals as any other."""
+    command = [installed(), "plan", *map(str, arguments), "--port", "0", "--no-browser"]
+    process = subprocess.Popen(command, cwd=cwd, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     try:
         assert process.stdout is not None
         line = process.stdout.readline()
         assert line.startswith("http://127.0.0.1:"), (line, process.stderr and process.stderr.read())
         yield line.split()[0], process
     finally:
-        process.kill()
+        process.terminate()
         process.communicate()
 
 

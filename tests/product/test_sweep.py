@@ -31,7 +31,7 @@ def study(place: Path, name: str, text: str) -> Path:
 
 
 GRID = """
-set: {pseudolites.frame: runway, receiver.rate_hz: 2}
+set: {pseudolites.frame: runway, receiver.rate_hz: 0.5}
 vary:
   - {key: pseudolites.count, values: [1, 2]}
   - {key: pseudolites.s_m, grid: {first: 50, last: 2000, count: 45}}
@@ -145,7 +145,7 @@ def test_each_combination_is_the_scenario_by_itself(grid: Path) -> None:
     for index in ((0, 0, 0), (1, 7, 3), (1, 44, 45)):
         s, l1 = result["/s_m"][index[1]], result["/l1_m"][index[2]]
         one = case(
-            "pseudolites.frame=runway", "receiver.rate_hz=2", f"pseudolites.count={index[0] + 1}",
+            "pseudolites.frame=runway", "receiver.rate_hz=0.5", f"pseudolites.count={index[0] + 1}",
             f"pseudolites.s_m={s}", f"pseudolites.l1_m={l1}", name="landing_gnss_only",
         )  # fmt: skip
         glide = one.shared.signals.time <= 60.19

@@ -240,7 +240,9 @@ def damaged(commands: Forks, folder: Path, seed: int, count: int) -> Tally:
     tally = Tally()
     (folder / "sound").mkdir(parents=True)
     (folder / "place").mkdir()
-    made = commands.run(*studies.STUDIES["landing with figures"], "-o", "r.h5", cwd=folder / "sound")
+    made = commands.run(
+        *studies.STUDIES["landing with figures"], "--figures", "none", "-o", "r.h5", cwd=folder / "sound"
+    )
     if made.code != 0:
         raise RuntimeError(made.err)
     looked = flips.flipped(commands, folder / "sound" / "r.h5", folder / "place", seed)
