@@ -97,7 +97,10 @@ class OptimizeOptions:
     time_limit: Annotated[
         float | None,
         number_option(
-            float, 0.0, "Stop the search after this time with the best found so far. Default: no limit.", most=10**9
+            float,
+            0.0,
+            "Stop the search after this time, preparing included, with the best found so far. Default: no limit.",
+            most=10**9,
         ),
     ] = None
     runs: Annotated[

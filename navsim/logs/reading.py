@@ -63,7 +63,7 @@ def _format(path: Path) -> Any:
     todo = {
         ".yaml": "a file of navsim itself needs no import: navsim replay or navsim validate takes it",
         ".csv": "for a table of your own declare the columns in a log.yaml (navsim init recorded_flight)",
-    }.get(path.suffix.lower(), "name its format with --format")
+    }.get(path.suffix.lower(), f"name its format with --format {'|'.join(FORMATS)}")
     raise FileError(0, f"not a log that navsim knows ({_known()}); {todo}", path)
 
 

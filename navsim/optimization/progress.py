@@ -67,6 +67,8 @@ class SearchMonitor:
         self._cost: dict[str, float] = {}
         self._to_come: list[Step] = []
         self._now = Step("", {})
+        self.prepared: float | None = None
+        """Time that `PREPARING` took, s; None while it lasts."""
         self._anew = False
         self._before: dict[str, int] = {}
         self.tried: dict[str, int] = {}
@@ -138,6 +140,8 @@ class SearchMonitor:
     def look(self) -> None:
         """Report progress. Raises TimeUp, ShareUp."""
         used = self._clock() - self._started
+        if self.prepared is None and self._now.name:
+            self.prepared = used
         self.tell(SearchProgress(self._now.name, dict(self.tried), self.best, self.places, used, self._remaining(used)))
         if self._limit is not None and used >= self._limit:
             raise TimeUp

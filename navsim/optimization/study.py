@@ -297,7 +297,8 @@ def solve(
             if isinstance(stop, KeyboardInterrupt):
                 raise
             text = f"the time limit passed during '{watch.doing}', before navsim had evaluated a placement"
-            raise NoPlacement(f"{text} that keeps the rules; give a longer one") from None
+            part = "" if watch.prepared is None else f"; preparing took {watch.prepared:.0f} s of it"
+            raise NoPlacement(f"{text} that keeps the rules{part}; give a longer one") from None
         if runs and outcome.stopped == TIME_LIMIT:
             for one in sorted(outcome.found.keys() - outcome.confirmed.keys()):
                 watch.conclude(_flying(problem, one.count))

@@ -363,7 +363,7 @@ def test_refusals(flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     for name, content, text in (
         ("empty.bin", b"", "the file is empty"),
         ("noise.bin", bytes(range(256)) * 9, "nor a log that navsim knows"),
-        ("words.txt", b"nothing here\n" * 9, "not a log that navsim knows"),
+        ("words.txt", b"nothing here\n" * 9, "name its format with --format ardupilot|px4|ublox|nmea|"),
         ("log.yaml", b"kind: replay\nversion: 1\n", "needs no import"),
         ("table.csv", b"t,x\n1,2\n" * 9, "declare the columns in a log.yaml"),
         ("a.tlog", bytes(9), "does not read MAVLink logs"),

@@ -109,6 +109,11 @@ def test_no_time_for_anything(study: Path, monkeypatch: pytest.MonkeyPatch, caps
     code, _, err = optimize(monkeypatch, capsys, Clock(), study, "--time-limit", "2")
     assert code == 3
     assert "time limit passed during 'preparing', before" in err
+    assert "of it" not in err
+    code, _, err = optimize(monkeypatch, capsys, Clock(), study, "--time-limit", "24")
+    assert code == 3
+    assert "screening by geometry', before navsim" in err
+    assert "; preparing took 10 s of it; give a longer one" in err
     assert not study.with_suffix(".h5").exists()
 
 
