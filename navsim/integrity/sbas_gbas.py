@@ -15,14 +15,17 @@ from navsim.statistics import normal
 
 SBAS_HORIZONTAL, SBAS_VERTICAL = 6.0, 5.33
 """Factors of precision approaches [DO-229]; 5.33 is the rounded 5.327 that a chance of 5e-8 a side has."""
+SBAS_HORIZONTAL_NPA = 6.18
+"""Horizontal factor of non-precision approaches [DO-229]: a chance of 5e-9 of a Rayleigh distribution."""
 
 
-def sbas(solution: MonitoredFix) -> np.ndarray:
-    """Horizontal and vertical levels (e, 2), m; nan without a fix."""
+def sbas(solution: MonitoredFix, operation: str | None = None) -> np.ndarray:
+    """Horizontal and vertical levels (e, 2), m, of an operation; nan without a fix."""
     c = solution.covariance
     east, north, cross = c[:, 0, 0], c[:, 1, 1], c[:, 0, 1]
     longest = np.sqrt(0.5 * (east + north) + np.hypot(0.5 * (east - north), cross))
-    return np.stack([SBAS_HORIZONTAL * longest, SBAS_VERTICAL * np.sqrt(c[:, 2, 2])], axis=1)
+    factor = SBAS_HORIZONTAL_NPA if operation == "NPA" else SBAS_HORIZONTAL
+    return np.stack([factor * longest, SBAS_VERTICAL * np.sqrt(c[:, 2, 2])], axis=1)
 
 
 def growth_of_limits(distance: np.ndarray, height: np.ndarray) -> np.ndarray:

@@ -367,7 +367,7 @@ def write_comparison(draft: ResultBuilder, case: Case) -> None:
     signals, scenario, station = case.shared.signals, case.scenario, section.comparison.gbas
     fix, found = fix_of(signals), {}
     if section.comparison.sbas:
-        levels = sbas_gbas.sbas(fix)
+        levels = sbas_gbas.sbas(fix, None if section.limits is None else section.limits.operation)
         found = {"sbas_hpl": levels[:, 0], "sbas_vpl": levels[:, 1]}
     if case.flight.station is not None:
         found |= dict(zip(("gbas_lpl", "gbas_vpl"), case.flight.station.fault_free().T, strict=True))

@@ -366,6 +366,8 @@ def test_sbas(cases: dict[str, Any], within: Within) -> None:
         elevation, azimuth, sigma = np.transpose(case["elevation_azimuth_sigma"])
         solution = solved(rows_towards(np.transpose([azimuth, elevation]).tolist()), sigma.tolist())
         assert sbas_gbas.sbas(solution)[0] == pytest.approx([case["hpl"], case["vpl"]], abs=within["levels"])
+        npa = [case["hpl"] * math.sqrt(-2.0 * math.log(5e-9)) / 6.0, case["vpl"]]
+        assert sbas_gbas.sbas(solution, "NPA")[0] == pytest.approx(npa, rel=1e-3)
 
 
 @pytest.mark.validates("Factors K of GBAS protection levels", "ICAO Annex 10", printed_values="6e-4")
