@@ -132,6 +132,7 @@ of runs, divided by those of the analysis and by sigma.
 | | |
 |---|---|
 | landing | `landing_open_sky.yaml` with 5 fixes and 50 inertial samples a second, {RUNS} runs of seed {SEED} |
+| pseudolites | white noise only: no survey, clock or bias error |
 | each row | one, two and three pseudolites under two skies (`nominal`, `nominal-glonass`) |
 | cells | the smallest and largest ratio, north, east or down, over 20 s to touchdown |
 | chance | moves a ratio of {RUNS} runs by up to {reach:.0f} % (95 %), similar settings alike: all have one seed |
