@@ -49,7 +49,7 @@ EXAMPLES: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
             "long_m: 2, outlier_share: 0.01, outlier_sigma_m: 5, bandwidth_mhz: 0.5, noise_figure_db: 5, "
             "clock: {}, air: {truth_refractivity_n: 340, correction: refractivity, corrected_refractivity_n: 315, "
             "refractivity_sigma_n: 45}}",
-            "filter.beacons.refractivity_sigma_n=30",
+            "filter.beacons.refractivity_sigma_n=30", "filter.beacons.second_order=true",
             "azimuth_station={preset: mls, beyond_m: 3000, half_width_m: 300, off_s: [[10, 20]], faults: [{at_s: 40, "
             "until_s: 60, rate_m_s: 0.5}]}",
             "elevation_station={preset: mls, faults: [{at_s: 40, until_s: 60, error_deg: 0.3}]}",

@@ -169,51 +169,81 @@ def beacon_geometry(sensor: Beacons, trajectory: Moving, time: np.ndarray) -> Be
 
 
 def second_order(geometry: BeaconGeometry, of_fix: np.ndarray) -> np.ndarray:
-    """Mean second-order errors of ranges (e, n), m, that the filter neglects, tr((I - u u') P) / (2 d); nan where none
-    is received.
+    """Mean second-order errors of ranges (e, n), m, that the filter neglects, as `neglected`, while there are fixes.
 
     P: covariance of the position from a fix and one range of each received beacon, with lasting errors as noise.
     of_fix: (e, 3, 3) covariance of the fix, NED, m2.
-
-    Source: `docs/theory/beacons.md`, section 3.
     """
     sensor = geometry.sensor
-    away = np.where(geometry.received[..., None], geometry.away, 1.0)[..., [1, 0, 2]] * [1.0, 1.0, -1.0]
-    distance = np.linalg.norm(away, axis=2)
-    u = away / distance[..., None]
+    u, distance = _directions(geometry)
     weight = geometry.received / (sensor.noise_variance(distance) + sensor.design.errors.variance(distance))
     rows = np.append(u, np.full((*distance.shape, 1), float(sensor.design.clock is not None)), axis=2)
     known = np.einsum("en,enj,enk->ejk", weight, rows, rows)
     known[:, :3, :3] += np.linalg.inv(of_fix)
     known[:, 3, 3] += known[:, 3, 3] == 0.0  # no clock, or no range of it
-    p = np.linalg.inv(known)[:, :3, :3]
+    return neglected(geometry, np.linalg.inv(known)[:, :3, :3])
+
+
+def _directions(geometry: BeaconGeometry) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors (e, n, 3) to the beacons, NED, and distances (e, n), m; of those not received any."""
+    away = np.where(geometry.received[..., None], geometry.away, 1.0)[..., [1, 0, 2]] * [1.0, 1.0, -1.0]
+    distance = np.linalg.norm(away, axis=2)
+    return away / distance[..., None], distance
+
+
+def neglected(geometry: BeaconGeometry, p: np.ndarray) -> np.ndarray:
+    """Mean second-order errors of ranges (e, n), m, tr((I - u u') P) / (2 d) with the covariance of the position p (e,
+    3, 3), NED m2; nan where none is received.
+
+    Source: `docs/theory/beacons.md`, section 3.
+    """
+    u, distance = _directions(geometry)
     across = np.trace(p, axis1=1, axis2=2)[:, None] - np.einsum("enj,ejk,enk->en", u, p, u)
     return np.where(geometry.received, across / (2.0 * distance), np.nan)
 
 
-def curvature_warnings(geometry: BeaconGeometry, of_fix: np.ndarray, asked: np.ndarray) -> list[str]:
-    """Warning of ranges that the filter's linearisation falsifies, at the times at which these beacons (e,) int are
-    asked. of_fix: of the fix before, as of `second_order`."""
-    if geometry.sensor.design.second_order:
-        return []
-    longer, sensor = second_order(geometry, of_fix), geometry.sensor
-    distance = np.linalg.norm(geometry.away, axis=2)
-    ratio = longer / np.sqrt(sensor.noise_variance(distance))
-    each = ratio[np.arange(asked.size), asked]
-    if not (each > CURVED).any():
-        return []
-    e = int(np.nanargmax(each))
-    n = asked[e]
-    height = -float(geometry.away[e, n, 2])
-    return [Note(
-        f"beacons: the filter takes ranges of {sensor.names[n]} as linear in the position error, which they are not: "
-        f"at {digits(distance[e, n])} m, {abs(height):.0f} m {'above' if height > 0.0 else 'below'} it, they are "
-        f"{digits(longer[e, n])} m off on average, {digits(ratio[e, n])} times their noise. So sigma may be far too "
-        "small. Set filter.beacons.second_order: true; check beacons.height_m; put beacons where they show the "
-        "height, far above or below the path; or set "
-        f"filter.beacons.sigma_m to {digits(1.1 * longer[e, n] / CURVED, 2)}",  # more noise also leaves P larger
-        SIGMA_WITH_BEACONS, (CONSISTENT,),
-    )]  # fmt: skip
+@dataclass(frozen=True)
+class CurvedRange:
+    """The range of a flight that is least linear in the position error."""
+
+    name: str
+    """Its beacon."""
+    distance: float
+    """m."""
+    height: float
+    """Height of the antenna above the beacon, m."""
+    longer: float
+    """Mean second-order error, m."""
+    ratio: float
+    """That over the noise."""
+
+    @classmethod
+    def of(cls, geometry: BeaconGeometry, longer: np.ndarray, asked: np.ndarray | None = None) -> CurvedRange | None:
+        """The worst of those whose second-order errors (e, n), m, exceed `CURVED` of the noise; None without. asked:
+        (e,) the one beacon asked at each time; None: all."""
+        distance = np.linalg.norm(geometry.away, axis=2)
+        ratio = np.nan_to_num(longer / np.sqrt(geometry.sensor.noise_variance(distance)))
+        if asked is not None:
+            ratio = np.where(np.arange(ratio.shape[1]) == asked[:, None], ratio, 0.0)
+        if not (ratio > CURVED).any():
+            return None
+        e, n = np.unravel_index(np.argmax(ratio), ratio.shape)
+        return cls(
+            geometry.sensor.names[n], float(distance[e, n]), -float(geometry.away[e, n, 2]), float(longer[e, n]),
+            float(ratio[e, n]),
+        )  # fmt: skip
+
+    def warning(self, cure: str) -> str:
+        """Warning that the filter takes it as linear. cure: what helps beside larger noise and other places."""
+        side = "above" if self.height > 0.0 else "below"
+        return Note(
+            f"beacons: the filter takes ranges of {self.name} as linear in the position error, which they are not: at "
+            f"{digits(self.distance)} m, {abs(self.height):.0f} m {side} it, they are {digits(self.longer)} m off on "
+            f"average, {digits(self.ratio)} times their noise. So sigma may be far too small. {cure}. Or check "
+            "beacons.height_m; put beacons where they show the position, far above or below the path; set "
+            f"filter.beacons.sigma_m to {digits(1.1 * self.longer / CURVED, 2)}",  # more noise also leaves P larger
+            SIGMA_WITH_BEACONS, (CONSISTENT,),
+        )  # fmt: skip
 
 
 def beacon_warnings(geometry: BeaconGeometry, glide: np.ndarray) -> list[str]:

@@ -20,12 +20,14 @@ from navsim.gnss.constellations.systems import CLOCKS
 from navsim.gnss.fix_states import FIXED
 from navsim.gnss.interference.horizon import behind
 from navsim.gnss.signals import Pseudolites, SignalScenario
-from navsim.landing.beacons import BeaconGeometry, beacon_geometry, curvature_warnings
+from navsim.landing.beacons import BeaconGeometry, CurvedRange, beacon_geometry, neglected, second_order
+from navsim.landing.coasting import Coasting, grid
 from navsim.landing.faults import watching
 from navsim.landing.preflight import PreflightChecks, build_environment
 from navsim.results.heights import height_m
 from navsim.results.schema import HEIGHTS, RMS_WINDOW
 from navsim.scenario.analysable import check_analysable
+from navsim.scenario.beacons import second_order_refused
 from navsim.scenario.estimated_errors import about_correlated_errors, about_transmitter_errors
 from navsim.scenario.landing import Landing
 from navsim.scenario.requirements import ErrorRequirement, singles
@@ -35,6 +37,7 @@ from navsim.scenario_files.source import Document
 from navsim.sensors.beacons import Beacons
 from navsim.sensors.ground_stations import GroundStation
 from navsim.sensors.imu import Triad
+from navsim.simulation.aiding import aids_of
 from navsim.simulation.aiding import followed_errors as followed_errors_of_aids
 from navsim.simulation.correlated_errors import IGNORED, STATES, as_noise, fix_blocks, followed_errors
 from navsim.simulation.first_order import FirstOrder, position_covariance
@@ -84,15 +87,40 @@ class Case:
 
     def _bent_ranges(self) -> list[str]:
         """Warning of beacons whose ranges the filter's linearisation falsifies."""
-        signals, errors = self.shared.signals, self.shared.fix_errors
+        its = self.scenario.filter.beacons
+        if its.second_order or (curved := self.curved) is None:
+            return []
+        return [curved.warning(second_order_refused(self.scenario) or "Set filter.beacons.second_order: true")]
+
+    @cached_property
+    def curved(self) -> CurvedRange | None:
+        """The range of a beacon that is least linear in the filter's position error; None if all are linear."""
         for aid in self.shared.aids:
-            if isinstance(aid.sensor, Beacons):
-                epoch = np.searchsorted(signals.time, aid.time, side="right") - 1
-                times = (epoch >= 0) & errors.fixed[epoch]  # without fixes the filter's sigma is another
-                geometry = beacon_geometry(aid.sensor, self.trajectory, aid.time[times])
-                of_fix = errors.of_ranges(signals.fix_sigma)[epoch[times], :3, :3]
-                return curvature_warnings(geometry, of_fix, aid.sensor.transmitter_at(aid.time[times]))
-        return []
+            if isinstance(sensor := aid.sensor, Beacons):
+                found = (self._curved_with_fixes(sensor, aid.time), self._curved_without_fixes(sensor))
+                return max((one for one in found if one is not None), key=lambda one: one.ratio, default=None)
+        return None
+
+    def _curved_with_fixes(self, sensor: Beacons, asked: np.ndarray) -> CurvedRange | None:
+        """`curved` of the times (m,), s, at which beacons are asked and there are fixes."""
+        signals, errors = self.shared.signals, self.shared.fix_errors
+        epoch = np.searchsorted(signals.time, asked, side="right") - 1
+        times = (epoch >= 0) & errors.fixed[epoch]
+        geometry = beacon_geometry(sensor, self.trajectory, asked[times])
+        of_fix = errors.of_ranges(signals.fix_sigma)[epoch[times], :3, :3]
+        return CurvedRange.of(geometry, second_order(geometry, of_fix), sensor.transmitter_at(asked[times]))
+
+    def _curved_without_fixes(self, sensor: Beacons) -> CurvedRange | None:
+        """`curved` of the times at which there are no fixes, and the filter's sigma grows."""
+        time, shared = grid(self.shared), self.shared
+        epoch = np.searchsorted(shared.signals.time, time, side="right") - 1
+        alone = (epoch < 0) | ~shared.fix_errors.fixed[epoch]
+        geometry = beacon_geometry(sensor, self.trajectory, time)
+        if not geometry.received[alone].any():
+            return None
+        p = Coasting(shared, self.design, self.flight.initial, geometry).covariance()
+        some = geometry.at(alone)
+        return CurvedRange.of(some, neglected(some, p[alone]))
 
     @property
     def aided(self) -> bool:
@@ -265,8 +293,20 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
     trajectory, sources, scenario, warnings = build_environment(scenario, document)
     ask(scenario, sources)
     case = case_of(scenario, trajectory, sources, world_of(scenario, trajectory, sources), warnings)
+    if scenario.filter.beacons.second_order is None and not second_order_refused(scenario) and case.curved is not None:
+        case = _with_second_order(case)
     case.preflight.check(document)
     return case
+
+
+def _with_second_order(case: Case) -> Case:
+    """The same with products of the position error as states, for ranges that are not linear in it."""
+    its = case.scenario.filter
+    own = its.model_copy(update={"beacons": its.beacons.model_copy(update={"second_order": True})})
+    scenario = case.scenario.model_copy(update={"filter": own})
+    aids = aids_of(scenario.aiding(), case.trajectory, scenario.duration_s, scenario.imu.rate_hz)
+    shared = replace(case.shared, aids=aids)
+    return case_of(scenario, case.trajectory, case.environment, shared, case.sky_warnings)
 
 
 def case_of(

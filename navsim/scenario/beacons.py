@@ -200,17 +200,7 @@ class BeaconsSection(AidingSection):
             if getattr(its, key) is not None:
                 raise reject("is for `errors: states`", "filter", "beacons", key)
         self._check_mixture(landing)
-        if its.second_order:
-            self._check_second_order(landing)
-
-    def _check_second_order(self, landing: Landing) -> None:
-        """Raise for a filter, or a monitor of it, that does not estimate products of the position error."""
-        kind, watched = landing.filter.kind, landing.integrity
-        if kind not in (kinds := ("gaussian-sum", "tfg", "eskf", "left-invariant")):
-            text = f"{kind} has no products of the position error; use kind {', '.join(kinds)}"
-            raise reject(text, "filter", "beacons", "second_order")
-        if watched is not None and (watched.method == "filter" or watched.innovations is not None):
-            text = "integrity watches filters that are linear: leave the monitor out, or `second_order: false`"
+        if its.second_order and (text := second_order_refused(landing)):
             raise reject(text, "filter", "beacons", "second_order")
 
     def _check_mixture(self, landing: Landing) -> None:
@@ -332,7 +322,7 @@ class BeaconsSection(AidingSection):
             other.sigma_m, other.weak_sigma_m, other.latency_s, np.array(other.lever_arm_m),
             other.errors(its.errors == "states"),
             replace(other.outliers(), loss=0.0) if its.outliers == "mixture" else None,
-            None if other.clock is None else other.clock.model(), self._assumed_air(landing), its.second_order,
+            None if other.clock is None else other.clock.model(), self._assumed_air(landing), bool(its.second_order),
         )  # fmt: skip
         return Beacons(
             self.names(), plane, llh, runway.aim_point_m, runway.ellipsoidal_m, runway.heading_deg * DEG, self.rate_hz,
@@ -380,6 +370,16 @@ ERRORS_OF_BEACONS = ("bias_sigma_m", "growth_sigma_m", "survey_sigma_m")
 """Keys of the errors that a filter may estimate."""
 
 
+def second_order_refused(landing: Landing) -> str:
+    """Why a filter, or a monitor of it, does not estimate products of the position error; "" if it can."""
+    kind, watched = landing.filter.kind, landing.integrity
+    if kind not in (kinds := ("gaussian-sum", "tfg", "eskf", "left-invariant")):
+        return f"{kind} has no products of the position error; use kind {', '.join(kinds)}"
+    if watched is not None and (watched.method == "filter" or watched.innovations is not None):
+        return "integrity watches filters that are linear: leave the monitor out, or `second_order: false`"
+    return "" if landing.method == "monte-carlo" else "the covariance analysis is linear: use method monte-carlo"
+
+
 class FilterBeaconClock(Section):
     """The receiver's clock in the filter model of one-way ranges."""
 
@@ -401,9 +401,9 @@ class FilterBeacons(FilterAidingSection):
     errors: Literal["states", "none"] = "states"
     """what the filter does about biases and survey errors: states: estimate those that it assumes, up to five for each
     beacon; none: nothing, a beacon is described by its noise alone"""
-    second_order: bool = False
-    """estimate products of the position error as six further states, so that ranges need not be linear in it: for
-    beacons near the flight's height, while the position is poorly known"""
+    second_order: bool | None = None
+    """estimate products of the position error as six further states, so that ranges need not be linear in it. Default:
+    in Monte Carlo runs whose second-order errors of ranges exceed a quarter of their noise"""
     outliers: Literal["gate", "mixture"] = "gate"
     """what the filter does about outliers. gate: `filter.gate` alone rejects them; mixture: it weighs by how probable
     each outlier is, given the shares and sizes below, and the gate does not test beacons"""

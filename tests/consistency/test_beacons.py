@@ -120,6 +120,30 @@ def test_ranges_that_are_not_linear(kind: str, coupling: str, runs: int) -> None
     assert z[2] > 1.6
 
 
+def test_one_beacon_alone() -> None:
+    """Satellites lost, the position is known across the range to tens of metres: a linear filter takes its own turning
+    of the line of sight for knowledge. By default the filter follows the second order."""
+    alone = (*BRIEF, NO_SATELLITES, "pseudolites.count=0", "filter.kind=eskf", "filter.coupling=tight",
+             "beacons={sites: [{s_m: 150, l1_m: -100, height_m: 10}], rate_hz: 10, range_limit_m: 3000, sigma_m: 0.1, "
+             "bias_sigma_m: 0.1}")  # fmt: skip
+    for keys, least, most in (((), 0.8, 1.4), (("filter.beacons.second_order=false",), 2.5, 20.0)):
+        result = fly_all(case(*alone, *keys), 31, 0, 64, threads())
+        z = np.sqrt(np.mean((result["error"] / result["sigma"])[:, 5:, :6] ** 2, axis=0))
+        assert least < z.max() < most, z.max(axis=0).round(2)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["eskf", "gaussian-sum"])
+def test_one_beacon_over_a_pad(kind: str) -> None:
+    """70 s with one beacon, 20 s of them in a hover: linear, the position was off by up to 20 sigma."""
+    alone = ("duration_s=95", "approach.hover_s=20", "beacons.sites=[{name: NW, s_m: -40, l1_m: 60, height_m: 2}]")
+    flown = case(*alone, f"filter.kind={kind}", "filter.coupling=tight", name="beacons_pad")
+    result = fly_all(flown, 88001, 0, 300, threads())
+    z = np.sqrt(np.mean((result["error"] / result["sigma"])[:, 5:, :6] ** 2, axis=0))
+    assert z.max() < 1.3, z.max(axis=0).round(2)
+    assert (result["nees_position_velocity"].mean(axis=0) / 6.0).max() < 2.0
+
+
 def test_they_hold_the_position_when_satellites_are_lost() -> None:
     """Sigmas at the end with and without beacons; a beacon without states for its bias believes itself too well."""
     lost = (*BRIEF, NO_SATELLITES, "filter.kind=eskf")

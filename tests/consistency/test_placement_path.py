@@ -559,7 +559,7 @@ def test_a_placement_of_beacons_is_the_landings_own(
     section = base | keys | {"sites": [{"s_m": 500.0, "l1_m": 0.0}]}
     given_ = {"imu.rate_hz": 10.0, "receiver.rate_hz": 0.5, "duration_s": 62.0, "beacons": section, "terrain": ridge}
     placed = given_ | {"beacons": section | {"sites": sites}}
-    flown = case(*(f"{key}={json.dumps(value)}" for key, value in placed.items()))
+    flown = case("method=covariance", *(f"{key}={json.dumps(value)}" for key, value in placed.items()))
     result = covariance_result(flown, covariance_analysis(flown), 1)
     expected = [result[f"/summary/beacons/{d}dop"][i] for i in (0, 2, 3) for d in "phv"]
     solved = np.isfinite(result["/beacons/vdop"][on_glide(flown.scenario, flown.trajectory, result["/beacons/time"])])

@@ -19,7 +19,8 @@ from navsim.filter.measurement_models import observe, slot
 from navsim.formats.export_maps import write_kml
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.ranging_geometry import mirror_image
-from navsim.landing.beacons import second_order
+from navsim.landing.beacons import beacon_geometry, second_order
+from navsim.landing.coasting import Coasting, grid
 from navsim.landing.covariance import covariance_findings
 from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.optimization.job import OptimizeJob
@@ -222,7 +223,7 @@ def test_jammers_weaken_questions_and_answers() -> None:
     assert 0.1 < lost.mean() < 0.5
     further = 0.5 / sensor.reach * aid.exact[:, 0] * sensor.weakened
     np.testing.assert_allclose(aid.sigma[~lost, 0], np.hypot(sensor.sigma, further)[~lost], rtol=1e-12)
-    analysis = covariance_analysis(jammed)  # whose filter knows the noise
+    analysis = covariance_analysis(case(*BRIEF, keys, jammer, "method=covariance"))  # whose filter knows the noise
     ratio = np.einsum("tii->ti", analysis.covariance) / np.einsum("tii->ti", analysis.assumed)
     np.testing.assert_allclose(ratio, 1.0, atol=0.03)
 
@@ -284,7 +285,7 @@ def test_a_search_chooses_the_best_sites(tmp_path: Path) -> None:
     (text,) = write_kml(result, tmp_path / "best").values()
     assert all(f"<name>B{k} of 3</name>" in text for k in (1, 2, 3))
     assert posed.errors is not None
-    analysed = case(*rates.replace(": ", "=").split(", "), keys.replace(": ", "=", 1))
+    analysed = case(*rates.replace(": ", "=").split(", "), keys.replace(": ", "=", 1), "method=covariance")
     sigma = covariance_result(analysed, covariance_analysis(analysed), 1)["/summary/at/vertical"]
     assert posed.errors(None)["vertical_touchdown"] == sigma[list(HEIGHTS).index("touchdown"), 0]
     sizes = dict.fromkeys(FILTER_OUTPUTS, 1.0)
@@ -452,9 +453,14 @@ def test_a_link_budget_is_a_largest_range() -> None:
 
 
 def test_curved_ranges_are_warned_of() -> None:
-    """The neglected error is that of 40 000 drawn positions; with the filter's noise as advised there is no warning."""
+    """The neglected error is that of 40 000 drawn positions; with the filter's noise as advised there is no warning,
+    nor by default, where the filter follows the second order."""
     sites = "{s_m: 150, l1_m: 1000, height_m: 100}"
-    of, _, _ = flown("bias_sigma_m: 0.2", sites=sites)
+    linear = "filter.beacons.second_order=false"
+    of, by_default = (case(*BRIEF, section("bias_sigma_m: 0.2", sites=sites), *more) for more in ([linear], []))
+    assert by_default.scenario.filter.beacons.second_order
+    assert len(by_default.states) == len(of.states) + 6
+    assert not [text for text in by_default.warnings if "as linear" in text]
     assert of.beacons is not None
     there = of.shared.fix_errors.of_ranges(of.shared.signals.fix_sigma)[:, :3, :3]
     (longer,) = second_order(of.beacons.at(np.arange(30) == 20), there[20:21])[0]
@@ -470,7 +476,8 @@ def test_curved_ranges_are_warned_of() -> None:
     (kind,) = (f for f in covariance_findings(of, covariance_analysis(of)) if f.text == said)
     assert (kind.name, kind.against) == ("sigma_with_beacons", ("consistent",))
     later = sites.replace("1000", "925").replace("100}", "95}")
-    rare = case(*BRIEF, section("bias_sigma_m: 0.2", sites=later), "receiver.rate_hz=0.1")
+    rare = case(*BRIEF, section("bias_sigma_m: 0.2", sites=later), "receiver.rate_hz=0.1", linear,
+                "initial_errors={attitude_deg: 0.01, position_m: 0.1, velocity_m_s: 0.01}")  # fmt: skip
     (passed,) = (text for text in rare.warnings if "as linear in the position error" in text)
     assert rare.beacons is not None
     distance = np.linalg.norm(rare.beacons.away[:, 0], axis=1)
@@ -479,7 +486,30 @@ def test_curved_ranges_are_warned_of() -> None:
     assert least
     more = case(*BRIEF, section("bias_sigma_m: 0.2", sites=sites),
                 f"filter.beacons={{sigma_m: {least[1]}}}")  # fmt: skip
+    assert not more.scenario.filter.beacons.second_order
     assert not [text for text in more.warnings if "as linear in the position error" in text]
+
+
+@pytest.mark.parametrize("clock", ["", ", clock: {}"])
+def test_covariance_without_fixes(clock: str) -> None:
+    """Before anything is flown, sigma of the position is that of the covariance analysis; where satellites are lost,
+    its growth says whether ranges are linear. A smoother warns, and names the kinds that estimate products."""
+    lost = ("duration_s=40", "receiver.rate_hz=1", "imu.rate_hz=20", "initial_errors.attitude_deg=1",
+            f"beacons={{sites: [{{s_m: 40, l1_m: 300, height_m: 10}}, {{s_m: -300, l1_m: 900}}], rate_hz: 10, "
+            f"range_limit_m: 3000, sigma_m: 0.1, bias_sigma_m: 0.1{clock}}}", "pseudolites.count=0",
+            "events=[{what: silence, sources: [all], at_s: 12}, {what: silence, sources: [B2], at_s: 20}]",
+            "filter.coupling=tight")  # fmt: skip
+    linear = case(*lost, "filter.kind=eskf", "filter.beacons.second_order=false")
+    analysis, time, out = covariance_analysis(linear), grid(linear.shared), linear.shared.filter_time[5:]
+    geometry = beacon_geometry(linear.shared.aids[0].sensor, linear.trajectory, time)
+    p = Coasting(linear.shared, linear.design, linear.flight.initial, geometry).covariance()
+    ours = np.sqrt(np.einsum("gii->gi", p[np.searchsorted(time, out - 1e-6)]))
+    sigma = np.sqrt(np.einsum("gii->gi", analysis.assumed[5:, :3, :3]))
+    assert sigma[-5:].max() > 5.0 * sigma[6, :2].max()
+    np.testing.assert_allclose(ours, sigma, rtol=0.05)
+    (said,) = (text for text in case(*lost, "filter.kind=rts").warnings if "as linear" in text)
+    assert "rts has no products of the position error; use kind gaussian-sum" in said
+    assert "second_order: true" not in said
 
 
 CORNERS = "{s_m: -60, l1_m: 150}, {s_m: 60, l1_m: 150}, {s_m: -60, l1_m: -150}, {s_m: 60, l1_m: -150}"
