@@ -10,7 +10,8 @@ import pytest
 import xarray as xr
 from PIL import Image
 
-from navsim.results.result import read
+from navsim.report.view import view
+from navsim.results.result import Result, read
 from tests.conftest import SCENARIOS
 from tests.layout import as_declared
 from tests.product.test_run import navsim, stored
@@ -75,8 +76,10 @@ def test_json(folder: Path) -> None:
 
 def test_none_is_flown_where_that_is_asked_for(folder: Path) -> None:
     file = study(folder, NARROW)
-    done = navsim("optimize", file, "--runs", 0, "-o", "unflown.h5", "--figures", "none", cwd=folder)
+    limit = ("--set", "set.requirements=[{what: rms, of: vertical, below_m: 90}]")
+    done = navsim("optimize", file, *limit, "--runs", 0, "-o", "unflown.h5", "--figures", "none", cwd=folder)
     assert "No runs have checked the best placements" in done.stdout
+    assert not [name for name in read(folder / "unflown.h5").variables if name.startswith("/flown/requirements/")]
     file = study(folder, "pseudolites: [1]\nobjective: pdop\nsites: [{s_m: -14, l1_m: -300}]\n")
     said = navsim("optimize", file, "--runs", 0, "-o", "unflown.h5", "--figures", "none", cwd=folder).stderr
     assert "1 pseudolite: pseudolites on the pavement of the runway, 1000 m by 30 m" in said
@@ -236,9 +239,10 @@ def test_requirements_that_need_no_pseudolites(folder: Path) -> None:
     done = navsim("optimize", judged(folder), *one, "--set", limit, "-o", "n.h5", "--figures", "none", cwd=folder)
     assert "by analysis, the fewest pseudolites with which the requirements are met: 0" in done.stdout
     assert "by runs: 1 pseudolite met" in done.stdout
-    unflown = navsim("optimize", judged(folder), "--set", "pseudolites=[1]", "--runs", 0, "--set", limit, "-o", "n.h5",
-                     "--figures", "none", cwd=folder)  # fmt: skip
-    assert "by runs: 1 pseudolite not simulated" in unflown.stdout
+    result = read(folder / "n.h5")
+    unflown = {name: v for name, v in result.variables.items() if not name.startswith("/flown/requirements/")}
+    front, *_ = view("optimize").tables([("n", Result(result.attributes, unflown))])
+    assert "by runs: 1 pseudolite not simulated" in front.notes
 
 
 @pytest.mark.parametrize(
