@@ -31,6 +31,10 @@ SEED = 1
 """The seed of the documented commands: readers can repeat each row."""
 CODE = ("navsim", "scenarios", "scripts")
 """Folders whose content decides a page's numbers."""
+NOT_TO_QUOTE = """\
+Don't quote these levels: noise is white, `p_constellation` is 1e-8 and, where not stated, `effective_samples` 1:
+too low ([what to quote](how-to/accuracy.md#4-quote))."""
+"""The second paragraph of pages with levels."""
 OPEN, CLOSE = "<!-- probe: ", " -->"
 PROBE_RUNS = 8
 TOLERANCE = 1e-6

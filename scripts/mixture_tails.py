@@ -232,6 +232,7 @@ def results(labels: Sequence[str], found: Sequence[Judged]) -> list[str]:
     )
     alone = 100.0 * np.array([one.beyond[(one.components > 1.0).mean(axis=1) <= 0.5].mean() for one in found])
     parts = [int(part) for part in map(explained, found) if part != "-"]
+    beyond = 100.0 * np.mean([one.beyond_own.mean() for one in found])
     own = ", ".join(f"`{label}`" for label, one in zip(labels, found, strict=True) if excess(one.beyond_own))
     return [
         f"The mixture predicts {predicted.min():.2f} to {predicted.max():.2f} %, runs show {observed.min():.2f} to "
@@ -240,6 +241,8 @@ def results(labels: Sequence[str], found: Sequence[Judged]) -> list[str]:
         "unknown: with one",
         f"component, hence without a mixture, {alone.min():.2f} to {alone.max():.2f} % exceed the limit, too.",
         f"Errors beyond their own mixture are too frequent by more than chance in: {own or 'no case'}.",
+        f"Over all cases their mean share is {beyond:.1f} % instead of {NOMINAL} %: the mixture is not quite the "
+        "posterior.",
         "",
     ]
 

@@ -75,7 +75,7 @@ def counted() -> list[str]:
         "",
         "The boxes limit all three errors. The difference is in standard errors of both.",
         "",
-        "| case | Gaussian | counted, of runs | by shifted runs | shifted runs | difference |",
+        "| case | Gaussian | counted, of runs | by pushed runs | pushed runs | difference |",
         "|---|---|---|---|---|---|",
     ]
     for label, name, settings, chance, runs in COUNTED:
@@ -100,7 +100,7 @@ def closed() -> list[str]:
         "Attitude and sensors are so good that it is linear, and the vertical error Gaussian, with the sigma of the",
         "covariance analysis.",
         "",
-        "| Gaussian | by shifted runs | shifted runs | off by |",
+        "| Gaussian | by pushed runs | pushed runs | off by |",
         "|---|---|---|---|",
     ]
     file = ROOT / "scenarios" / "landing_gnss_only.yaml"

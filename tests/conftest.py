@@ -250,26 +250,41 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     idle = {name: row.unused for name, row in _rows.items() if row.outcome == "passed" and row.unused}
     if failed or idle:
         raise pytest.UsageError(f"no page: tests failed: {failed}; tolerances that their tests do not use: {idle}")
+    order = [f"test_{stem}" for stem in SUBJECTS]
+    in_order = sorted(_rows.items(), key=lambda row: (order.index(Path(row[1].file).stem), row[1].line))
+    Path(target).write_text(validation_page(in_order))
+
+
+SCRIPT = ("independent script", "Riccati solver of an independent script")
+"""How the reference of a row begins that the developers wrote, and nobody else confirms."""
+
+
+def validation_page(in_order: list[tuple[str, Row]]) -> str:
+    """Text of docs/validation.md: name and row of each test."""
     from navsim.report.assurance import JUDGES, UNCHECKED
     from navsim.report.citations import METHODS
 
-    order = [f"test_{stem}" for stem in SUBJECTS]
-    in_order = sorted(_rows.items(), key=lambda row: (order.index(Path(row[1].file).stem), row[1].line))
+    alone = {row.claim for _, row in in_order if row.oracle.startswith(SCRIPT)}
     lines = [
         "# Validation",
         "",
         "Does navsim compute correctly? Each row has a quantity that navsim computes, the reference that the test",
         "compares it with, and the largest difference that the test allows (or error, where a row says so).",
         "All rows hold: `make docs` writes this page only if no test fails. *Relative* and % mean a share of",
-        "the value. navsim's developers wrote each *independent script* from published formulas,",
-        "without navsim's code.",
+        "the value. navsim's developers wrote each *independent script* from published formulas, without its code;",
+        f"in {len(alone)} of {len(in_order)} rows it is the only reference.",
         "",
         "| no outside reference has checked these methods |",
         "|---|",
         *(f"| {each.name} |" for each in METHODS if each.name not in JUDGES),
         *(f"| {part} |" for part in UNCHECKED),
         "",
-        "The default filter is a sum of several Gaussians. Only simulated landings [test it](sigma.md).",
+        "| only an independent script of the developers has checked these methods |",
+        "|---|",
+        *(f"| {each.name} |" for each in METHODS if each.name in JUDGES and alone.issuperset(JUDGES[each.name])),
+        "",
+        "Such a script is all that confirms `eskf`. The default filter is a sum of several Gaussians: only simulated",
+        "landings [test it](sigma.md).",
     ]
     for file, rows in groupby(in_order, lambda row: row[1].file):
         lines += ["", f"## {SUBJECTS[Path(file).stem.removeprefix('test_')]}", ""]
@@ -279,5 +294,4 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
             f"| `{name.split('::')[-1]}` |"
             for name, row in rows
         ]
-    lines.append("")
-    Path(target).write_text("\n".join(lines))
+    return "\n".join([*lines, ""])

@@ -171,7 +171,7 @@ def test_published_figure_at_56n_37e(shared: Path, within: Within) -> None:
 def test_sky_of_row_one(shared: Path) -> None:
     """A real sky, its upper part jammed, has row 1 of Table 2 at touchdown.
 
-    The sky is fitted to it, so this validates nothing. Told in `docs/corrections.md`. R19 stands at 45.87 degrees
+    The sky is fitted to it, so this validates nothing. Told in `docs/table2.md`. R19 stands at 45.87 degrees
     there and must be lost for the printed figures; with a limit of 46.0 PDOP is 3.41.
     """
     common = (
