@@ -593,7 +593,8 @@ def results(rows: Sequence[Row]) -> list[str]:
         f"**Heading** at {CORNER:g} s, before the turn, by {landings[DEFAULT].runs} runs (z of 1: ± "
         f"{landings[DEFAULT].heading_z_sampling:.2f}). The first column of figures is over the",
         f"shipped scenarios, all others of `landing`; {many.runs} runs of `{DEFAULT}` have z {many.heading_z:.3f} ±",
-        f"{many.heading_z_sampling:.3f} there. Straight flight does not show heading, so errors should equal those without fixes.",
+        f"{many.heading_z_sampling:.3f} there. Straight flight does not show heading, so errors should equal those "
+        "without fixes.",
         "",
         *kinds,
         "",
