@@ -206,6 +206,7 @@ JUDGES: Mapping[str, tuple[str, ...]] = {
     "tuning by likelihood": (
         "Position and biases by recorded two-way ranges of UWB anchors",
         "Residuals (geometric mean of sources), clock rates by pseudoranges of five free clocks",
+        "Clocks, position and sigmas by one-way ranges beside an inertial sensor",
     ),
     "elevation on an MLS approach": (
         "Covariance and gain of the elevation filter, step by step", "Steady state of the elevation filter",
