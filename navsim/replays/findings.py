@@ -14,7 +14,7 @@ from navsim.geodesy.attitude import dcm_from_quaternion
 from navsim.replays import alignment as aligning
 from navsim.replays import flight as replay
 from navsim.replays.motion import FASTEST_NEEDED
-from navsim.replays.one_way import alike_states
+from navsim.replays.one_way import alike_states, find_far_clocks
 from navsim.replays.reading import ReadLog
 from navsim.replays.recorded_flight import RecordedFlight
 from navsim.replays.scenario import Outage, Replay
@@ -67,7 +67,8 @@ def findings(
         if aid.kind == BEACON:
             rejected, weighed = int(np.sum(own.status == REJECTED)), int(np.sum(own.status != NOT_USED))
             out += rejected_of(aid.name, rejected, weighed, recording.scenario.filter.gate.probability)
-    if recording.scenario.clocks is not None:
+    if recording.scenario.clocks is not None and recording.beacons is not None:
+        out += find_far_clocks(flight, flown, recording.beacons.sources.names, recording.scenario.clocks)
         out += alike_states(flown, list(result["/filter/state"]))
     tied = _tied(result)
     untuned = recording.scenario.tuning == "none" and "/summary/bet_verdict" not in result

@@ -20,15 +20,17 @@ import numpy as np
 from navsim.filter import states
 from navsim.filter.design import SensorDesign
 from navsim.filter.measurement_kinds import BEACON, BEACON_STATES, BeaconTable
+from navsim.filter.records import REJECTED
 from navsim.filter.states import Block, ReferenceClock
 from navsim.geodesy.earth import ecef_from_llh
 from navsim.gnss.clock_noise import step_covariance
 from navsim.ranging.evaluation import unobserved_states
 from navsim.ranging.model import RECEIVER, UNKNOWN_CLOCK
 from navsim.results.builder import ResultBuilder
-from navsim.results.findings import Finding
+from navsim.results.findings import Finding, several
 from navsim.sensors.beacons import RECEIVER_CLOCK, clock_blocks
 from navsim.statistics.consistency import correlated_states
+from navsim.statistics.rounding import digits
 
 if TYPE_CHECKING:
     from navsim.replays.flight import Replayed
@@ -37,6 +39,12 @@ if TYPE_CHECKING:
 
 _OF_SOURCE = "transmitter_clock{}_"
 """Name of the states of a source's clock, before the source's name."""
+FAR = 5.0
+"""Offset of a clock, in the 1 sigma that the log expects, beyond which a finding is reported."""
+MOSTLY = 0.5
+"""Share of a source's ranges."""
+_FIRST = 5
+"""Number of first ranges whose median shows the offset of a clock."""
 
 
 def _state_name(clock: str) -> str:
@@ -98,26 +106,58 @@ def _noise(density: np.ndarray, dt: float) -> np.ndarray:
 def _receiver_offset(flight: RecordedFlight, begin: PartStart, sensors: SensorDesign) -> tuple[float, bool]:
     """The receiver's offset against the sources by the first ranges after a start, m, and whether it is a state.
 
-    It is that against the reference if this is a source with ranges, otherwise the median of all sources. Distances are
-    those of the nearest fix; the filter's prior is wide compared with their error.
+    It is that against the reference if this is a source with ranges, otherwise the median of all sources. The filter's
+    prior is wide compared with its error.
     """
     axes = {block.first for block in sensors.blocks if block.sensor == BEACON and block.clock is not None}
-    fixed = np.flatnonzero(np.isfinite(flight.llh[:, 0]))
-    away, of_reference = [], []
-    for aid in flight.aids:
-        later = np.flatnonzero(aid.time > begin.alignment.time)
-        if not isinstance(aid.table, BeaconTable) or not later.size:
-            continue
-        time, beacon = aid.time[later[0]], int(aid.table.beacon[later[0]])
-        near = fixed[np.argmin(np.abs(flight.arrival[fixed] - time))] if fixed.size else None
-        here = ecef_from_llh(begin.llh if near is None else flight.llh[near])
-        gap = float(aid.table.range[later[0]] - np.linalg.norm(here - aid.table.position[beacon]))
-        away.append(gap)
-        if BEACON_STATES * len(aid.table.position) + 3 + 2 * beacon not in axes:
-            of_reference.append(gap)
-    of_receiver = any(block.name == RECEIVER_CLOCK.format("") for block in sensors.blocks)
-    chosen = of_reference if of_receiver and of_reference else away
+    excess, count = _first_excess(flight, begin), len(axes)
+    of_receiver = BEACON_STATES * count in axes
+    clock = BEACON_STATES * count + 3
+    chosen = [away for beacon, away in excess.items() if of_receiver and clock + 2 * beacon not in axes]
+    chosen = chosen or list(excess.values())
     return (float(np.median(chosen)) if chosen else 0.0), of_receiver
+
+
+def _first_excess(flight: RecordedFlight, begin: PartStart) -> dict[int, float]:
+    """How much longer the first ranges of each source (its number) after a start are than its distance, m, by the
+    nearest fixes (median)."""
+    fixed, out = np.flatnonzero(np.isfinite(flight.llh[:, 0])), {}
+    for aid in flight.aids:
+        if not isinstance(aid.table, BeaconTable):
+            continue
+        later = np.flatnonzero((aid.time > begin.alignment.time) & np.isfinite(aid.table.range))[:_FIRST]
+        if later.size:
+            apart = np.abs(flight.arrival[fixed] - aid.time[later, None])
+            here = flight.llh[fixed[np.argmin(apart, axis=1)]] if fixed.size else begin.llh[None]
+            beacon = int(aid.table.beacon[later[0]])
+            away = np.linalg.norm(ecef_from_llh(here) - aid.table.position[beacon], axis=1)
+            out[beacon] = float(np.median(aid.table.range[later] - away))
+    return out
+
+
+def find_far_clocks(
+    flight: RecordedFlight, flown: Replayed, names: tuple[str, ...], clocks: OneWayClocks
+) -> list[Finding]:
+    """Finding of sources whose ranges the gate mostly rejected, and whose clocks are farther apart at the first ranges
+    than the log expects."""
+    excess = {names[beacon]: away for beacon, away in _first_excess(flight, flight.start).items()}
+    reference = excess.get(clocks.datum, float(np.median(list(excess.values()))) if excess else 0.0)
+    apart = {name: abs(away - reference) for name, away in excess.items()}
+    rejected = [
+        names[int(aid.table.beacon[0])]
+        for aid, own in zip(flight.aids, flown.aids, strict=True)
+        if isinstance(aid.table, BeaconTable) and aid.time.size and np.mean(own.status == REJECTED) > MOSTLY
+    ]
+    far = [name for name in rejected if apart.get(name, 0.0) > FAR * clocks.offset_sigma_m]
+    if not far:
+        return []
+    most = digits(max(apart[name] for name in far), 2)
+    text = (
+        f"the filter rejects ranges of {', '.join(far)}: at the first ranges their clocks are up to {most} m apart "
+        f"from the others, where clocks.offset_sigma_m is {clocks.offset_sigma_m:g} m. Write "
+        f"`clocks: {{offset_sigma_m: {most}}}`"
+    )
+    return [Finding("clock_offset", text, (), len(far), len(apart))]
 
 
 def write_clocks(
@@ -139,15 +179,20 @@ def write_clocks(
 
 
 def alike_states(flown: Replayed, names: list[str]) -> list[Finding]:
-    """Finding of states of position and ranges that the geometry cannot tell apart at the end."""
+    """Finding of states of position and ranges that the geometry cannot tell apart at the end.
+
+    Two clocks do not count: they are correlated by the reference against which both are counted.
+    """
     of_ranges = [k for k, name in enumerate(names) if name.startswith(("position_", "beacons_", "transmitter_"))]
-    pairs = correlated_states(flown.covariance, np.array(of_ranges))
+    clocks = [k for k in of_ranges if names[k].startswith(("beacons_clock", "transmitter_clock"))]
+    found = correlated_states(flown.covariance, np.array(of_ranges))
+    pairs = [pair for pair in found if pair[0] not in clocks or pair[1] not in clocks]
     if not pairs:
         return []
     shown = [states.display_name(name) for name in names]
     worst = "; ".join(f"{shown[a]} and {shown[b]} ({c:+.4f})" for a, b, c in pairs[:4])
     text = (
-        f"at the end the geometry cannot tell apart {len(pairs)} pairs of states (correlation beyond 0.99): {worst}. "
-        "Only a combination of each pair is known to its sigma"
+        f"at the end the geometry cannot tell apart {several(len(pairs), 'pair')} of states (correlation beyond 0.99): "
+        f"{worst}. Only a combination of each pair is known to its sigma"
     )
     return [Finding("correlated_states", text, count=len(pairs), of=len(of_ranges))]

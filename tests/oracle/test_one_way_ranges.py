@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -236,6 +237,30 @@ def test_free_clocks_beside_an_inertial_sensor(tmp_path: Path) -> None:
     assert result["/filter/sigma"][away, :2].max() < 1.0
     np.testing.assert_array_equal(result["/summary/clock_offset"], result["/filter/clock_offset"][-1])
     assert not of(result)
+
+
+def test_clocks_that_are_farther_apart_than_expected(tmp_path: Path) -> None:
+    """The finding names them, and the key; with that value their ranges are used."""
+    settings = ("end_s=40", "clocks.offset_sigma_m=1")
+    text = next(found.text for found in of(scaled(tmp_path, 11, *settings)[1]) if found.name == "clock_offset")
+    assert "the filter rejects ranges of b, d" in text
+    write = re.search(r"offset_sigma_m: (\d+)", text)
+    assert write is not None
+    log = tmp_path / "log.yaml"
+    again = study.compute(
+        study.prepare(*read_replay(log, (*settings[:1], f"clocks.offset_sigma_m={write[1]}", *FIXED)))
+    )
+    assert again["/summary/aid_rejected"].sum() == 0
+
+
+def test_states_that_geometry_cannot_tell_apart_are_named(tmp_path: Path) -> None:
+    """A car that has hardly moved, among sources of unknown position: that of the reference looks like its clock."""
+    recorded(tmp_path, 11, OWN.replace("offset_sigma_m: 50", "offset_sigma_m: 1000"))
+    settings = ("ranges.survey_sigma_m=300", "end_s=24", "gnss.position_sigma_m=[0.5, 0.5]", *FIXED)
+    result = study.compute(study.prepare(*read_replay(tmp_path / "log.yaml", settings)))
+    text = next(found.text for found in of(result) if found.name == "correlated_states")
+    assert "position of c, north and beacons clock" in text
+    assert "beacons clock and" not in text  # both are counted against the same clock
 
 
 @pytest.mark.long
