@@ -71,8 +71,12 @@ DIFFERENCES, LONGEST_STEPS = np.where(TIMES | LENGTHS, 0.3, 0.1), np.where(TIMES
 """Steps for derivatives and longest steps of a search, of all settings as they are searched."""
 SHORTEST_ARM, SURE_ARM = 0.5, 5.0
 """Difference of a lever arm from the one given, m and in its sigma, that is told."""
+LONGEST_ARM = 100.0
+"""Bound of each component of a lever arm that is searched, m."""
 OTHER_LATENCIES, OTHER_LATENCY = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5), 0.02
 """Latencies that are tried with another forward lever arm, s; difference from the tuned one that is told, s."""
+STEADY = 0.1
+"""Standard deviation over the mean of a speed at which a latency hides a forward lever arm."""
 CONVERGED = 0.01
 """A search has converged if the next step would gain less log-likelihood: a seventh of the settings' sigma."""
 MOST_DAMPED = 100.0
@@ -227,10 +231,12 @@ class TuningSearch:
         self.flown = 0
         self.kept: _Evaluation | None = None
         """The evaluation whose parts and rejected fixes all others keep, in a search without the gate."""
+        self.lasts = False
+        """Whether an error is searched that lasts longer than the flight shows."""
 
     def _expected(self) -> tuple[np.ndarray, np.ndarray]:
         """Settings (k,) that are expected near their start, and 1 sigma (k,) of their logarithms."""
-        of_errors = CLAIMS if self.recording.claimed else UNCLAIMED if self.kept is not None else ()
+        of_errors = CLAIMS if self.recording.claimed else UNCLAIMED if self.lasts else ()
         pairs = [(GYRO_NOISE, TRUST), (ACCELEROMETER_NOISE, TRUST), *of_errors]
         return np.array([i for i, _ in pairs]), np.array([sigma for _, sigma in pairs])
 
@@ -293,6 +299,7 @@ class TuningSearch:
         low, high = start / FACTOR, start * FACTOR
         low[LATENCY], high[LATENCY] = SEARCHED
         low[VELOCITY_LAG], high[VELOCITY_LAG] = -WIDEST_LAG, WIDEST_LAG
+        low[LEVER_ARM], high[LEVER_ARM] = -LONGEST_ARM, LONGEST_ARM
         low[ERROR_SIZE], high[ERROR_SIZE] = SIZES
         low[ERROR_TIME], high[ERROR_TIME] = CORRELATION_TIMES
         if not self.recording.claimed:
@@ -356,9 +363,9 @@ class TuningSearch:
         if recording.scenario.gnss.position_sigma_m is None:
             free = np.append(free, POSITION_RATIO)
             start[POSITION_RATIO] *= WHITE_START
-        self.kept = now
+        self.kept, self.lasts = now, True
         found, _, converged = self.settle(start, np.sort(free))
-        self.kept = None
+        self.kept, self.lasts = None, False
         if found[ERROR_SIZE] < NEGLIGIBLE:
             return None
         again = self.evaluate(found)
@@ -412,7 +419,8 @@ class TuningSearch:
 
     def shown(self, best: np.ndarray, now: _Evaluation, free: np.ndarray) -> tuple[list[str], np.ndarray, np.ndarray]:
         """Remark on a lever arm that is clearly likelier than the one given, with the free settings tuned to it; and
-        spread and correlation of the free settings, see `Tuning`.
+        spread and correlation of the free settings, see `Tuning`. After one step towards the likeliest arm only a
+        search with all settings free makes the arm likeliest, and its sigma that of the noise with it.
 
         Innovations that are correlated with those before tell as much as fewer white ones.
         """
@@ -424,27 +432,55 @@ class TuningSearch:
         spread[free] = np.where(TIMES[free], 0.1, 1.0) * np.sqrt(fewer * np.diag(of_free))
         correlation, sigma = np.eye(SETTINGS), np.sqrt(np.diag(of_free))
         correlation[np.ix_(free, free)] = of_free / np.outer(sigma, sigma)
-        start, there = self._traded(best, now, free)
-        if start is not best:
-            gradient, information = self._derivatives(_searched(start)[which], start, which, there, DIFFERENCES[which])
-        covariance = np.linalg.inv(information)
+        other, likelier = self._traded(best, now, free)
+        if other is not best:
+            gradient, information = self._derivatives(
+                _searched(other)[which], other, which, likelier, DIFFERENCES[which]
+            )
         longest = np.where(LENGTHS, np.inf, LONGEST_STEPS)[which]
-        step = np.clip(-covariance @ gradient, -longest, longest)
-        other = _settings(_searched(start)[which] + step, start, which)
+        step = np.clip(-np.linalg.solve(information, gradient), -longest, longest)
+        trial = _settings(_searched(other)[which] + step, other, which)
         for setting, bounds in ((LATENCY, SEARCHED), (ERROR_SIZE, SIZES), (ERROR_TIME, CORRELATION_TIMES)):
             if setting in which:
-                other[setting] = np.clip(other[setting], *bounds)
-        likelier = self.evaluate(other, near=there)
-        if start is not best and there.excess(likelier) > 0.0:
-            other, likelier = start, there
-        change, of_arm = (other - best)[LEVER_ARM], np.sqrt(fewer * np.diag(covariance)[-3:])
-        if np.linalg.norm(change) < SHORTEST_ARM or np.all(np.abs(change) < SURE_ARM * of_arm):
+                trial[setting] = np.clip(trial[setting], *bounds)
+        found = self.evaluate(trial, near=likelier)
+        if likelier.excess(found) < 0.0:
+            other, likelier = trial, found
+        of_arm = np.sqrt(fewer * np.diag(np.linalg.inv(information))[-3:])
+        if not self._is_told(best, now, other, likelier, of_arm, fewer):
             return [], spread, correlation
-        if now.excess(likelier) > -LIKELIER * fewer:
+        self.kept = likelier
+        other, likelier, _ = self.settle(other, which)
+        information = self._derivatives(_searched(other)[which], other, which, likelier, DIFFERENCES[which])[1]
+        self.kept = None
+        of_arm = np.sqrt(fewer * np.diag(np.linalg.inv(information))[-3:])
+        if not self._is_told(best, now, other, likelier, of_arm, fewer):
             return [], spread, correlation
         late = abs(other[LATENCY] - best[LATENCY]) > OTHER_LATENCY
-        text = _of_lever_arm(best[LEVER_ARM], change, of_arm, float(other[LATENCY]) if late else None)
+        mean, scatter = self._speeds(other)
+        steady = mean if LATENCY in which and scatter < STEADY * mean else None
+        change = (other - best)[LEVER_ARM]
+        text = _of_lever_arm(best[LEVER_ARM], change, of_arm, float(other[LATENCY]) if late or steady else None, steady)
         return [text], spread, correlation
+
+    def _speeds(self, values: np.ndarray) -> tuple[float, float]:
+        """Mean and standard deviation of the speeds of the fixes in motion, m/s."""
+        flight = self.recording.flight(values, coarse=True)
+        speed = flight.speed[in_motion(flight, self.recording.moving_speed)]
+        return float(np.mean(speed)), float(np.std(speed))
+
+    @staticmethod
+    def _is_told(
+        best: np.ndarray, now: _Evaluation, other: np.ndarray, likelier: _Evaluation, sigma: np.ndarray, fewer: float
+    ) -> bool:
+        """Whether a user is told of other settings, because their lever arm is another one, and clearly likelier.
+
+        sigma: of the arm (3,), m; fewer: as of `_fewer`.
+        """
+        change = (other - best)[LEVER_ARM]
+        if np.linalg.norm(change) < SHORTEST_ARM or np.all(np.abs(change) < SURE_ARM * sigma):
+            return False
+        return now.excess(likelier) <= -LIKELIER * fewer
 
     @staticmethod
     def _fewer(now: _Evaluation) -> float:
@@ -459,8 +495,7 @@ class TuningSearch:
         found = best, now
         if LATENCY not in free:
             return found
-        flight = self.recording.flight(best, coarse=True)
-        speed = float(np.mean(flight.speed[in_motion(flight, self.recording.moving_speed)]))
+        speed = self._speeds(best)[0]
         trials = []
         for latency in OTHER_LATENCIES:
             if speed * abs(latency - best[LATENCY]) >= SHORTEST_ARM:
@@ -517,18 +552,26 @@ def _first_latency(cost: Callable[[float], float]) -> float:
     return float(min(fine[(fine >= lowest) & (fine <= highest)], key=cost))
 
 
-def _of_lever_arm(given: np.ndarray, change: np.ndarray, sigma: np.ndarray, latency: float | None = None) -> str:
+def _of_lever_arm(
+    given: np.ndarray, change: np.ndarray, sigma: np.ndarray, latency: float | None = None, steady: float | None = None
+) -> str:
     """Remark on another lever arm (3,), m, by the axes that the motion shows: those where it would tell
-    `SHORTEST_ARM`, or tells a change. latency: that with this arm, s, if it differs from the tuned one."""
+    `SHORTEST_ARM`, or tells a change. latency: that with this arm, s, if it differs from the tuned one; steady: a
+    speed, m/s, whose steadiness lets the latency hide the forward arm, which then has no sigma."""
     is_shown = (SURE_ARM * sigma <= SHORTEST_ARM) | (np.abs(change) >= SURE_ARM * sigma)
-    axes = list(zip(("forward", "right", "down"), given + change, sigma, is_shown, strict=True))
+    axes = list(zip(("forward", "right", "down"), given + change, sigma, is_shown, strict=True))[steady is not None :]
+    parts = [f"{name} {value_text(x, s)} ± {digits(s, 1)}" for name, x, s, known in axes if known]
     late = "" if latency is None else f" with a latency of {latency:.2f} s"
-    arm = ", ".join(f"{name} {value_text(x, s)} ± {digits(s, 1)}" for name, x, s, known in axes if known)
-    hidden = " and ".join(name for name, *_, known in axes if not known)
+    if steady is not None:
+        parts.insert(0, f"forward about {given[0] + change[0]:.1f}")
+    unknown = [name for name, *_, known in axes if not known]
+    hidden = f"; the motion does not show {' and '.join(unknown)}" if unknown else ""
+    if steady is not None:
+        hidden += f"; at this steady speed {0.1 * steady:.1f} m more forward looks like 0.1 s more latency"
     return (
-        f"a lever arm of {arm} m (1 sigma) from the IMU to the antenna{late} explains the fixes clearly better than "
-        f"[{', '.join(map(digits, given))}] m{f'; the motion does not show {hidden}' if hidden else ''}. Measure it, "
-        "and write gnss.lever_arm_m: [forward, right, down]"
+        f"a lever arm of {', '.join(parts)} m (1 sigma) from the IMU to the antenna{late} explains the fixes clearly "
+        f"better than [{', '.join(map(digits, given))}] m{hidden}. Measure it, and write gnss.lever_arm_m: [forward, "
+        "right, down]"
     )
 
 

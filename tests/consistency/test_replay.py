@@ -112,7 +112,7 @@ def test_a_given_negative_latency_is_that_of_the_times(tmp_path: Path) -> None:
 
 def test_a_wrong_lever_arm_is_told(tmp_path: Path) -> None:
     """2.5 m to the right of where it is: another one is told, within half a metre and its sigma of the true one."""
-    write_flight(tmp_path)
+    write_flight(tmp_path, duration=60.0)
     result = flown(tmp_path / "log.yaml", "gnss.lever_arm_m=[0.4, 2.3, -0.3]")
     (text,) = [text for text in remarks(result) if "lever arm" in text]
     told = re.search(r"right (-?[0-9.]+) ± ", text)
@@ -129,9 +129,10 @@ def test_a_wrong_forward_lever_arm_is_told_though_the_latency_hides_it(forward: 
     result = flown(log, f"gnss.lever_arm_m=[{forward}, 0, -0.3]", "outages=[]")
     assert abs(float(result["/tuning/latency"]) - 0.1) > 0.2
     (text,) = [text for text in remarks(result) if "lever arm" in text]
-    told = re.search(r"forward (-?[0-9.]+) ± ", text)
+    told = re.search(r"forward about (-?[0-9.]+)", text)
     assert told is not None
     assert float(told[1]) == pytest.approx(0.4, abs=3.0)
+    assert "at this steady speed 3.0 m more forward looks like 0.1 s more latency" in text
     late = re.search(r"with a latency of (-?[0-9.]+) s", text)
     assert late is not None
     assert float(late[1]) == pytest.approx(0.1, abs=0.1)
@@ -141,6 +142,9 @@ def test_a_lever_arm_is_told_by_the_axes_that_the_motion_shows() -> None:
     text = _of_lever_arm(np.zeros(3), np.array([-0.7, -0.01, -0.402]), np.array([0.6, 0.09, 0.038]))
     assert text.startswith("a lever arm of right -0.01 ± 0.09, down -0.40 ± 0.04 m (1 sigma)")
     assert "the motion does not show forward. Measure it" in text
+    text = _of_lever_arm(np.zeros(3), np.array([-7.0, -0.01, -0.402]), np.array([0.6, 0.09, 0.038]), 0.1, 20.0)
+    assert text.startswith("a lever arm of forward about -7.0, right -0.01 ± 0.09, down -0.40 ± 0.04 m (1 sigma)")
+    assert "with a latency of 0.10 s explains" in text
 
 
 def test_a_latency_at_its_bound_is_told(tmp_path: Path) -> None:
