@@ -43,7 +43,8 @@ def test_every_section_of_the_limits_has_its_results() -> None:
 
 
 def test_conditions_of_the_limits_are_keys() -> None:
-    known = {re.sub(r"\.N\b", "", row.key) for row in key_rows(section("landing").model_json_schema())}
+    schemas = (section(kind).model_json_schema() for kind in ("landing", "replay"))
+    known = {re.sub(r"\.N\b", "", row.key) for schema in schemas for row in key_rows(schema)}
     known |= {name[:end] for name in known for end in range(len(name)) if name[end] == "."}
     named = {key for _, cells in rows_of("limits.md") for _, _, key, _ in CONDITION.findall(cells[0]) if key}
     assert len(named) > 30
