@@ -91,9 +91,9 @@ def rows_of_go_arounds() -> list[str]:
         "",
         "## Go-arounds",
         "",
-        f"`{' '.join(GO_AROUND)}`, not steered; *lasting*: with `{' '.join(LASTING)}`. Closed form: independent fixes.",
+        f"`{' '.join(GO_AROUND)}`, not steered; *lasting*: with `{' '.join(LASTING)}`.",
         "",
-        "| `integrity` | closed form | counted | with drawn alarms | go-arounds counted; effective samples |",
+        "| `integrity` | closed form, independent fixes | counted | drawn alarms | counted; effective samples |",
         "|---|---|---|---|---|",
     ]
     counted = counted_go_arounds(())

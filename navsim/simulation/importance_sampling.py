@@ -25,16 +25,20 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from navsim.compiler.lanes import WIDTH
-from navsim.gnss.fix_states import FIXED, FixStates, StateHistory
+from navsim.filter.estimate import in_all_lanes
+from navsim.filter.records import REJECTED
+from navsim.gnss.fix_states import FIXED, FixStates, StatedFixes, StateHistory
 from navsim.simulation.alarm_events import SHARE, AlarmProposal, AlarmPush
 from navsim.simulation.along_truth import along_truth
 from navsim.simulation.dispersed_trajectory import Dispersion
 from navsim.simulation.flight import Flight
+from navsim.simulation.landing import fly_inputs
 from navsim.simulation.run_inputs import Inputs, draw_inputs, draw_states
 from navsim.simulation.sensitivity import Slopes, by_scale, carried, deviations, of_aid, of_states, sensitivity
 from navsim.statistics import normal
@@ -241,13 +245,50 @@ class ShiftsByHistory:
         return self.flight.shared.fix_states
 
     def of(self, history: StateHistory) -> ProposalShifts:
-        """Those of a history."""
+        """Those of a history. Where wrong fixes are far off, a flight with the shifts tells which fixes the gate
+        rejects: after one that it accepts, velocity may still be wrong, and it rejects further ones."""
+        time, design = self.flight.shared.signals.time, self.flight.design
+        assert design.flag_sigma is not None
+        rejected = np.zeros(time.size, bool)
+        if self.narrowest > _FAR * np.nanmax(design.flag_sigma[FIXED]) and np.isfinite(design.gate).any():
+            rejected = self.model.rejected(history, time, design.max_rejected)
+        out = self._with_rejections(history, rejected)
+        if not rejected.any():
+            return out
+        flown = self._rejected(history, out)
+        return out if (flown == rejected).all() else self._with_rejections(history, flown)
+
+    @cached_property
+    def _exact(self) -> Inputs:
+        """Inputs along the route of which nothing is drawn."""
+        flight = self.flight.along_route
+        drawn = replace(draw_inputs(flight, 0, (0,)), stated=None)
+        initial, dtheta, dv, ranges, rates, *others = deviations(flight, drawn)
+        aided = others[len(others) - len(drawn.aided) :]
+        return replace(
+            drawn, initial=drawn.initial - initial, dtheta=drawn.dtheta - dtheta, dv=drawn.dv - dv,
+            ranges=drawn.ranges - ranges, rates=drawn.rates - rates,
+            aided=tuple(each - off for each, off in zip(drawn.aided, aided, strict=True)),
+        )  # fmt: skip
+
+    def _rejected(self, history: StateHistory, tilt: ProposalShifts) -> np.ndarray:
+        """Fixes (e,) that the gate rejects on a flight along the route with the most frequent shift to a face."""
+        time, known = self.flight.shared.signals.time, np.zeros((self.flight.shared.signals.time.size, 6))
+        place = history.at(time)
+        known[:, :3] = self.model.lasting_errors(history)[1][place]
+        of_lanes = (
+            in_all_lanes(each) for each in (history.state[place], self.model.flags(history, time), known, known)
+        )
+        inputs = replace(self._exact, stated=StatedFixes(*of_lanes))
+        face = int(tilt.proposal.shares[: (tilt.proposal.shares.size - 1) // 2].argmax())
+        flown = fly_inputs(self.flight.along_route, _shifted([tilt], inputs, [face]), 1)
+        return np.asarray(flown.status[0] == REJECTED)
+
+    def _with_rejections(self, history: StateHistory, rejected: np.ndarray) -> ProposalShifts:
+        """Shifts of a history if the gate rejects these fixes (e,)."""
         shared = self.flight.shared
         flags, sigma = self.model.flags(history, shared.signals.time), self.flight.design.flag_sigma
         assert sigma is not None
-        rejected = np.zeros(flags.size, bool)
-        if self.narrowest > _FAR * np.nanmax(sigma[FIXED]) and np.isfinite(self.flight.design.gate).any():
-            rejected = self.model.rejected(history, shared.signals.time, self.flight.design.max_rejected)
         if (key := sigma[flags].tobytes() + rejected.tobytes()) not in self.kept:
             slopes = sensitivity(self.flight, along_truth(self.flight, flags, rejected), self.weights)
             while len(self.kept) >= _KEPT:
