@@ -211,7 +211,7 @@ def scaled(folder: Path, seed: int, *more: str) -> tuple[np.ndarray, Result]:
     true = recorded(folder, seed, OWN)
     settings = ("gnss.position_sigma_m=[0.5, 0.5]", "filter.output_rate_hz=2", *FIXED, *more)
     result = study.compute(study.prepare(*read_replay(folder / "log.yaml", settings)))
-    late = result["/filter/time"] >= 30.0
+    late = (result["/filter/time"] >= 30.0) & (result["/filter/time"] < 117.0)
     time, sigma, names = result["/filter/time"][late], result["/filter/sigma"][late], result["/filter/state"].tolist()
     motion, at = drive().motion(time), np.rint(2.0 * (time - 1.0)).astype(int)
     estimate = ecef_from_llh(result["/filter/position_llh"][late])
