@@ -75,8 +75,6 @@ LONGEST_ARM = 100.0
 """Bound of each component of a lever arm that is searched, m."""
 OTHER_LATENCIES, OTHER_LATENCY = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5), 0.02
 """Latencies that are tried with another forward lever arm, s; difference from the tuned one that is told, s."""
-STEADY = 0.1
-"""Standard deviation over the mean of a speed at which a latency hides a forward lever arm."""
 CONVERGED = 0.01
 """A search has converged if the next step would gain less log-likelihood: a seventh of the settings' sigma."""
 MOST_DAMPED = 100.0
@@ -457,17 +455,15 @@ class TuningSearch:
         if not self._is_told(best, now, other, likelier, of_arm, fewer):
             return [], spread, correlation
         late = abs(other[LATENCY] - best[LATENCY]) > OTHER_LATENCY
-        mean, scatter = self._speeds(other)
-        steady = mean if LATENCY in which and scatter < STEADY * mean else None
+        speed = self._mean_speed(other) if LATENCY in which else None
         change = (other - best)[LEVER_ARM]
-        text = _of_lever_arm(best[LEVER_ARM], change, of_arm, float(other[LATENCY]) if late or steady else None, steady)
+        text = _of_lever_arm(best[LEVER_ARM], change, of_arm, float(other[LATENCY]) if late or speed else None, speed)
         return [text], spread, correlation
 
-    def _speeds(self, values: np.ndarray) -> tuple[float, float]:
-        """Mean and standard deviation of the speeds of the fixes in motion, m/s."""
+    def _mean_speed(self, values: np.ndarray) -> float:
+        """Mean speed of the fixes in motion, m/s."""
         flight = self.recording.flight(values, coarse=True)
-        speed = flight.speed[in_motion(flight, self.recording.moving_speed)]
-        return float(np.mean(speed)), float(np.std(speed))
+        return float(np.mean(flight.speed[in_motion(flight, self.recording.moving_speed)]))
 
     @staticmethod
     def _is_told(
@@ -495,7 +491,7 @@ class TuningSearch:
         found = best, now
         if LATENCY not in free:
             return found
-        speed = self._speeds(best)[0]
+        speed = self._mean_speed(best)
         trials = []
         for latency in OTHER_LATENCIES:
             if speed * abs(latency - best[LATENCY]) >= SHORTEST_ARM:
@@ -553,21 +549,21 @@ def _first_latency(cost: Callable[[float], float]) -> float:
 
 
 def _of_lever_arm(
-    given: np.ndarray, change: np.ndarray, sigma: np.ndarray, latency: float | None = None, steady: float | None = None
+    given: np.ndarray, change: np.ndarray, sigma: np.ndarray, latency: float | None = None, speed: float | None = None
 ) -> str:
     """Remark on another lever arm (3,), m, by the axes that the motion shows: those where it would tell
-    `SHORTEST_ARM`, or tells a change. latency: that with this arm, s, if it differs from the tuned one; steady: a
-    speed, m/s, whose steadiness lets the latency hide the forward arm, which then has no sigma."""
+    `SHORTEST_ARM`, or tells a change. latency: that with this arm, s, if it differs from the tuned one; speed: the
+    mean one, m/s, at which a tuned latency and the forward arm hide each other: the arm then has no sigma."""
     is_shown = (SURE_ARM * sigma <= SHORTEST_ARM) | (np.abs(change) >= SURE_ARM * sigma)
-    axes = list(zip(("forward", "right", "down"), given + change, sigma, is_shown, strict=True))[steady is not None :]
+    axes = list(zip(("forward", "right", "down"), given + change, sigma, is_shown, strict=True))[speed is not None :]
     parts = [f"{name} {value_text(x, s)} ± {digits(s, 1)}" for name, x, s, known in axes if known]
     late = "" if latency is None else f" with a latency of {latency:.2f} s"
-    if steady is not None:
+    if speed is not None:
         parts.insert(0, f"forward about {given[0] + change[0]:.1f}")
     unknown = [name for name, *_, known in axes if not known]
     hidden = f"; the motion does not show {' and '.join(unknown)}" if unknown else ""
-    if steady is not None:
-        hidden += f"; at this steady speed {0.1 * steady:.1f} m more forward looks like 0.1 s more latency"
+    if speed is not None:
+        hidden += f"; at the mean speed {0.1 * speed:.1f} m more forward look almost like 0.1 s more latency"
     return (
         f"a lever arm of {', '.join(parts)} m (1 sigma) from the IMU to the antenna{late} explains the fixes clearly "
         f"better than [{', '.join(map(digits, given))}] m{hidden}. Measure it, and write gnss.lever_arm_m: [forward, "

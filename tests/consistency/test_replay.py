@@ -132,7 +132,7 @@ def test_a_wrong_forward_lever_arm_is_told_though_the_latency_hides_it(forward: 
     told = re.search(r"forward about (-?[0-9.]+)", text)
     assert told is not None
     assert float(told[1]) == pytest.approx(0.4, abs=3.0)
-    assert "at this steady speed 3.0 m more forward looks like 0.1 s more latency" in text
+    assert "at the mean speed 3.0 m more forward look almost like 0.1 s more latency" in text
     late = re.search(r"with a latency of (-?[0-9.]+) s", text)
     assert late is not None
     assert float(late[1]) == pytest.approx(0.1, abs=0.1)
