@@ -22,6 +22,7 @@ from navsim.ranging.model import BY_SOURCE, SETTINGS, RangeModel, build_model
 from navsim.ranging.recording import RangeLog, ReferenceTrack, read_log, read_reference
 from navsim.ranging.scenario import RecordedRanges
 from navsim.ranging.start import AS_LIKELY, find_start, mirror_solution
+from navsim.ranging.swapped import fits_badly, swapped_pairs
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, kept
 from navsim.results.notes import CONSISTENT, FIX
@@ -258,7 +259,17 @@ def _per_source(out: ResultBuilder, model: RangeModel, solution: RangeSolution) 
         if away > MANY_REJECTED * heard:
             text = f"{away} of {heard} ranges of {name} do not have the usual noise (outliers)"
             found.append(Finding("outliers", text, (FIX,), count=int(away), of=int(heard)))
-    return found
+    return found + (_swapped(model, table["residual_rms"]) if fits_badly(model, solution.settings, smoothed) else [])
+
+
+def _swapped(model: RangeModel, residual: np.ndarray) -> list[Finding]:
+    """Sources that seem exchanged in the table; residual: RMS of each (s,), m."""
+    pairs = swapped_pairs(model, residual)
+    if not pairs:
+        return []
+    each = ", or ".join(f"{a} and {b}" for a, b in pairs)
+    text = f"the positions of {each} seem exchanged: exchanged back, they fit the ranges far better; check `sources`"
+    return [Finding("sources_exchanged", text, (FIX,), count=len(pairs))]
 
 
 def _mirror(out: ResultBuilder, model: RangeModel, solution: RangeSolution) -> list[Finding]:

@@ -13,6 +13,7 @@ from scipy.linalg import expm
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from navsim.ranging import swapped
 from navsim.ranging.estimate import (
     StartState,
     filter_causally,
@@ -134,6 +135,20 @@ def test_filter_and_smoother_are_dense_least_squares(ranging: str) -> None:
     np.testing.assert_allclose(filtered.state[-1], best[-1], atol=2e-4 * max(1.0, np.abs(best).max()))
     likelihood = -0.5 * (e @ np.linalg.solve(s, e) + np.linalg.slogdet(2.0 * np.pi * s)[1])
     assert filtered.likelihood == pytest.approx(likelihood, abs=1e-3)
+
+
+def test_two_sources_exchanged_in_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The pair is named first, and with the right table none is. Pairs of the three worst sources."""
+    monkeypatch.setattr(swapped, "_WORST", 3)
+    time, source = cycle(80, 0.3)
+    draw = np.random.default_rng(8)
+    track = np.column_stack([20.0 + 3.0 * time, 10.0 - 2.0 * time, np.full(time.size, 30.0)])
+    ranges = np.linalg.norm(track - POSITIONS[source], axis=1) + draw.normal(0.0, 0.1, time.size)
+    for order, pairs in (([0, 1, 2, 3], []), ([0, 2, 1, 3], [("b", "c")])):
+        model = model_of(time, source, ranges, position=POSITIONS[order])
+        assert swapped.swapped_pairs(model, np.arange(4.0))[:1] == pairs
+        _, smoothed = find_start(model, model.settings())
+        assert swapped.fits_badly(model, model.settings(), smoothed) == bool(pairs)
 
 
 def test_cramer_rao_bound_of_a_static_layout() -> None:
