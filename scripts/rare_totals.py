@@ -105,9 +105,8 @@ def rows_of_go_arounds() -> list[str]:
         )
         shown, plain, times = "{:.3g} [{:.3g}, {:.3g}]".format(*map(float, value)), "-", "-"
         if not settings:
-            times = int(counted[0].sum())
-            plain = "{:.3g} [{:.3g}, {:.3g}]".format(*share_interval(times, COUNTED))
-            counted.pop(0)
+            turned = int(counted.pop(0).sum())
+            plain, times = "{:.3g} [{:.3g}, {:.3g}]".format(*share_interval(turned, COUNTED)), str(turned)
         expected = "-" if math.isnan(p_fa) else f"{-math.expm1(edge.alarms.epoch.size * math.log1p(-p_fa)):.3g}"
         label = f"`{monitor}`" + (", lasting" if settings else "")
         lines.append(measured.row(label, expected, plain, shown, f"{times}; {effective:.0f}"))
