@@ -101,7 +101,7 @@ def of_beacons(flown: Case) -> np.ndarray:
 )
 def test_covariance_is_the_bound(coupling: str, more: tuple[str, ...], within: Within) -> None:
     """Sigma of every state and all correlations at the end."""
-    flown = case(*EXACT, f"filter.coupling={coupling}", *more)
+    flown = case(*EXACT, "method=covariance", f"filter.coupling={coupling}", *more)
     information, prior, kept = of_ranges(flown, coupling == "tight")
     information += np.diag(prior**-2.0)
     if coupling == "loose":

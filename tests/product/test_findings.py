@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -115,7 +116,7 @@ def test_each_flaw_of_a_run() -> None:
         def fly_runs(self, seed: int, first: int, count: int, measured: bool = True) -> Iterator[Run]:
             yield runs
 
-    broken = Flown(**vars(c))
+    broken = Flown(**{field.name: getattr(c, field.name) for field in fields(c)})
     batch = Batch(*LandingStudy(broken, 1, "none").batch(0, 1))
     found = {f.name: f for f in landing.findings(broken, ensemble(0, batch))}
     expected = {
