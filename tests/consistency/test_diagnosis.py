@@ -62,7 +62,7 @@ def test_the_table_is_long_enough() -> None:
     assert len({str(made.remedy) for made in MISTAKES}) >= 35
 
 
-@pytest.mark.parametrize("name", in_brief(BY_NAME, *range(0, len(BY_NAME), 5)))
+@pytest.mark.parametrize("name", in_brief(BY_NAME, *range(0, len(BY_NAME), 9)))
 def test_each_mistake_of_a_flight_is_named(name: str) -> None:
     assert named(BY_NAME[name], aircraft()) == [(BY_NAME[name].remedy,)]
 
@@ -681,11 +681,11 @@ def test_knots_of_a_whole_real_flight_are_named(
     assert found[0].remedies == ({"gnss.speed_unit": due},)
 
 
-EVERY_SIXTH = [pytest.param(name, marks=() if i % 6 == 0 else pytest.mark.long) for i, name in enumerate(BY_NAME)]
+EVERY_TWELFTH = [pytest.param(name, marks=() if i % 12 == 0 else pytest.mark.long) for i, name in enumerate(BY_NAME)]
 """Mistakes of real recordings: of a simulated one each is tried every time."""
 
 
-@pytest.mark.parametrize("name", EVERY_SIXTH)
+@pytest.mark.parametrize("name", EVERY_TWELFTH)
 def test_each_mistake_of_a_real_flight_is_named(name: str, thor: tuple[Samples, Fixes]) -> None:
     (found,) = named(BY_NAME[name], thor)
     # heights that wander do not tell km/h from ft/s, which are 9 % apart
@@ -702,7 +702,7 @@ SHOWN_BY_A_MOTORWAY = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", EVERY_SIXTH)
+@pytest.mark.parametrize("name", EVERY_TWELFTH)
 def test_each_mistake_that_a_motorway_shows_is_named(name: str, comma: tuple[Samples, Fixes]) -> None:
     """A car that hardly turns for a minute: what it shows is named, if need be among others; of the rest nothing is
     said, and nothing wrong."""

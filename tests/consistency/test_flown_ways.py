@@ -239,7 +239,7 @@ def test_the_result(tmp_path: Path) -> None:
     target = tmp_path / "r.h5"
     settings = [f"--set={one}" for one in (FTE, *GENTLE)]
     done = navsim("run", str(SCENARIOS / "landing.yaml"), "--runs", "8", "--keep", "all", "-o", str(target), *settings,
-                  cwd=tmp_path)  # fmt: skip
+                  "--figures", "none", cwd=tmp_path)  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "System errors at height, m" in done.stdout
     result = read(target)

@@ -30,7 +30,7 @@ def test_unguarded_pages_are_listed() -> None:
 
 
 DEAR = {"integrity", "lasting_errors", "sensor_errors", "heights", "faults", "filter_consistency", "interference",
-        "mixture_tails", "rare_totals"}  # fmt: skip
+        "mixture_tails", "near_passes", "outages", "rare_totals", "recorded_approach"}  # fmt: skip
 """Pages whose probes take seconds, of effects that other pages have too."""
 
 

@@ -173,6 +173,7 @@ def test_errors_of_the_filter_as_requirements(tmp_path: Path) -> None:
     assert not search(asked(100.0, float(0.5 * used[:, 1].min() * 100.0)), 1)[1].met
 
 
+@pytest.mark.long
 def test_the_share_of_epochs_with_levels_is_made_large(tmp_path: Path) -> None:
     """One satellite system is not monitored by pseudolites that are too few: only some of the glide has levels."""
     directions = [{"azimuth_deg": a, "elevation_deg": 30} for a in (0, 90, 180, 270)]

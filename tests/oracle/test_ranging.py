@@ -455,12 +455,14 @@ def study_of(text: str) -> RangeStudy:
 @pytest.mark.validates("Position and biases by recorded two-way ranges of UWB anchors",
                        "RTK truth of a public recording", filter="0.85 m", smoother="0.65 m",
                        bias="0.1 m")  # fmt: skip
-def test_uwb_yard(shared: Path, within: Any) -> None:
-    study = study_of(YARD.format(shared / "data" / "uwb_yard"))
+@pytest.mark.parametrize(("part", "harder"), in_brief([("end_s: 120\n", 1.1), ("", 1.0)], 0))
+def test_uwb_yard(part: str, harder: float, shared: Path, within: Any) -> None:
+    """The first half of the recording, whose smoothed errors are a tenth larger, and all of it."""
+    study = study_of(YARD.format(shared / "data" / "uwb_yard") + part)
     result = compute(study)
     for name in ("filter", "smoother"):
         rms, z = (result[f"/summary/{name}_error_{what}"] for what in ("rms", "z"))
-        assert np.hypot(rms[0], rms[1]) <= within[name]
+        assert np.hypot(rms[0], rms[1]) <= harder * within[name]
         assert 0.8 <= np.sqrt(np.mean(z[:2] ** 2)) <= 1.25
     assert study.track is not None
     true = study.track.at(study.log.time)
@@ -471,7 +473,9 @@ def test_uwb_yard(shared: Path, within: Any) -> None:
         assert result["/states/value"][states.index(f"bias {name}")] == pytest.approx(median, abs=within["bias"])
     assert (result["/summary/outliers"] < 0.03 * result["/summary/ranges"]).all()
     told = [found for found in findings_of(result) if found.name == "reference_sigma"]
-    assert [(each.text[:25], each.against) for each in told] == [("the vertical errors of th", (CONSISTENT,))] * 2
+    assert [(each.text[:25], each.against) for each in told] == [("the vertical errors of th", (CONSISTENT,))] * (
+        1 if part else 2
+    )
 
 
 @pytest.mark.parametrize(("size", "share"), [(1.0, (0.0, 0.0)), (3.0, (0.9, 1.0))])

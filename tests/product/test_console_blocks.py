@@ -104,7 +104,7 @@ MOST_S = 600.0
 """What the tutorial promises: ten minutes; kernels that have to be compiled are in it."""
 
 
-DEAR = ("how-to/beacon-verdict.md", "how-to/beacons.md", "how-to/figure.md", "how-to/ranges.md")
+DEAR = ("commands.md", "how-to/beacon-verdict.md", "how-to/beacons.md", "how-to/figure.md", "how-to/ranges.md")
 """Pages whose commands other pages and tests run, too, at length or in brief."""
 
 

@@ -68,6 +68,7 @@ def seconds_of_other_threads(pid: int) -> float:
     return ticks / os.sysconf("SC_CLK_TCK")
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs a system that tells of threads")
 def test_a_signal_does_not_wait_for_the_compiler(tmp_path: Path) -> None:
     """Which takes most of a minute at the first start, and would have it to the end."""

@@ -149,6 +149,7 @@ class Looked:
         self.page.wait_for_selector("#said:not([hidden]), #asked:not([hidden])")
 
 
+@pytest.mark.long
 def test_other_sites_and_floods_are_let_off(tmp_path: Path) -> None:
     """Names that point here (DNS rebinding), scripts for other sites, pages without end; a tunnel's port is let in."""
     with served(LANDING, "-o", tmp_path / "out.yaml", cwd=tmp_path) as (address, _):

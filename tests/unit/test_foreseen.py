@@ -14,6 +14,7 @@ from navsim.runner.opening import checked
 from navsim.scenario.load import read, section
 from navsim.scenario_files.keys import rows
 from tests.conftest import SCENARIOS
+from tests.helpers import in_brief
 
 NAMING = [
     ("landing", ["sky.source=almanac", "sky.almanac=none.agl"], "sky.almanac"),
@@ -103,7 +104,7 @@ def test_levels_are_for_one_error_an_approach_if_all_of_it_lasts(smoothing: floa
     assert any("effective_samples" in text for text in told) == warned
 
 
-@pytest.mark.parametrize("study", ["placement_sweep", "placement_optimum"])
+@pytest.mark.parametrize("study", in_brief(["placement_sweep", "placement_optimum"], 1))
 def test_studies_warn_of_levels_as_landings_do(study: str) -> None:
     given = ["set.integrity={method: mhss}", *(["objective=pdop"] if study == "placement_optimum" else [])]
     assert any("effective_samples" in text for text in checked(SCENARIOS / f"{study}.yaml", given)[2])
