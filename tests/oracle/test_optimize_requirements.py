@@ -119,6 +119,7 @@ def test_the_fewest_that_meet_requirements_are_those_of_brute_force(
             assert not decided or (one.verdict(), float(one.value[0])) == (verdict, pytest.approx(value, abs=1e-9))
 
 
+@pytest.mark.long
 def test_sites_under_requirements_are_all_tried(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     places = rng.uniform([-2000, -1500], [2000, 4000], (9, 2)).round(0)

@@ -407,6 +407,7 @@ def test_an_ensemble_says_which_run_is_exported(many: Result, tmp_path: Path, mo
 # --- the companions: what is drawn stands in the file
 
 
+@pytest.mark.long
 def test_atc_figures_follow_the_scenario() -> None:
     settings = ["further_cases=[]", "circuit.manoeuvre_s=[[100, 150]]", "circuit.duration_s=200",
                 "circuit.straight_s=[[50, 90]]"]  # fmt: skip
