@@ -93,7 +93,8 @@ def rows_of_go_arounds() -> list[str]:
         "",
         f"`{' '.join(GO_AROUND)}`, not steered; *lasting*: with `{' '.join(LASTING)}`.",
         "",
-        "| `integrity` | closed form, independent fixes | counted | drawn alarms | counted; effective samples |",
+        "| `integrity` | closed form, independent fixes; none for lasting errors | counted | "
+        "drawn alarms, from one seed: rows are off together | counted; effective samples |",
         "|---|---|---|---|---|",
     ]
     counted = counted_go_arounds(())

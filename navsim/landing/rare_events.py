@@ -85,6 +85,8 @@ class LimitState:
     """Of fixes that have a state."""
     alarms: AlarmProposal | None = None
     """Alarms that break runs off; None where none do, or where they are not rare."""
+    why_no_alarms: str = ""
+    """The reason, where they are None."""
 
 
 def prepare(case: Case) -> LimitState:
@@ -111,7 +113,7 @@ def prepare(case: Case) -> LimitState:
     if air is not None:
         mean = air.mean + np.einsum("Kos,os->K", weights, analysis.mean[:, MOVING]) + ended
     tilt = proposal_shifts(case.flight, sensitivity(case.flight, along, weights), mean, box.lower, box.upper, air)
-    return LimitState(box, tilt, alarms=AlarmProposal.of(case.flight))
+    return LimitState(box, tilt, None, *AlarmProposal.of(case.flight))
 
 
 def _by_history(shifts: ShiftsByHistory, box: ErrorBox) -> LimitState:
@@ -119,7 +121,7 @@ def _by_history(shifts: ShiftsByHistory, box: ErrorBox) -> LimitState:
     model = shifts.model
     likely = StateHistory(np.zeros(1), np.array([int(model.shares.argmax())]))
     histories = HistoryProposal.of(shifts, box.time)
-    return LimitState(box, shifts.of(model.with_forced(likely)), histories, AlarmProposal.of(shifts.flight))
+    return LimitState(box, shifts.of(model.with_forced(likely)), histories, *AlarmProposal.of(shifts.flight))
 
 
 def _touchdown_at_rest(case: Case) -> np.ndarray:
@@ -357,7 +359,7 @@ def _of_go_arounds(edge: LimitState, flown: Ensemble) -> list[Finding]:
     if effective > 0.0:
         text = f"the probability of a go-around rests on {several(round(effective), 'effective sample')} of {of}"
     if edge.alarms is None:
-        text += "; pushed runs do not make them more frequent, method monte-carlo counts them"
+        text += f"; {edge.why_no_alarms}; method monte-carlo counts them"
     else:
         text += "; fly more runs"
     return [Finding("few_go_arounds", text, (), int(effective), flown.runs, flown.runs)]

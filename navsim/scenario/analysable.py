@@ -45,6 +45,11 @@ def check_analysable(landing: Landing) -> None:
                 f"or covariance, or leave it out: `{key}: {none}`"
             )
         raise reject(text, "imu", *further)
+    differential = landing.pseudolites.differential
+    link = None if differential is None else differential.link
+    if landing.method == "rare" and link is not None and link.loss > 0.0:
+        text = "the pushed runs of method rare do not know of lost corrections; use method monte-carlo, or 0"
+        raise reject(text, "pseudolites", "differential", "link", "loss")
     if landing.filter.kind in SMOOTHERS:
         raise reject(
             f"{landing.filter.kind} is a smoother; the covariance analysis and method rare need a filter: use method "

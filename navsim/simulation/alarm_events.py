@@ -19,6 +19,7 @@ Sources:
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -77,34 +78,40 @@ class AlarmProposal:
     """(n,) of the tests."""
 
     @classmethod
-    def of(cls, flight: Flight) -> AlarmProposal | None:
-        """The proposal of a flight; None if no test of fixes breaks its runs off, or if alarms are not rare."""
+    def of(cls, flight: Flight) -> tuple[AlarmProposal | None, str]:
+        """The proposal of a flight; None, and the reason, if no test of fixes breaks its runs off, or if alarms are not
+        rare."""
         monitor, ways, signals = flight.snapshot, flight.shared.dispersion, flight.shared.signals
-        if ways is None or not ways.breaks_off or signals.losses is not None:
-            return None
+        if ways is None or not ways.breaks_off:
+            return None, "no alarm breaks a landing off"
         if not isinstance(monitor, Monitor | SeparationMonitor):
-            return None
+            return None, "method rare draws alarms of fixes, not those of the filter"
         heeded = np.isfinite(ways.begins(np.eye(signals.time.size, dtype=bool)))
         epoch = np.flatnonzero(heeded & monitor.tested)
         if not epoch.size:
-            return None
+            return None, "no fix that may break a landing off is tested"
         rows, limit = _of_residuals(monitor, epoch) if isinstance(monitor, Monitor) else _of_separations(monitor, epoch)
-        epoch = np.tile(epoch, len(rows) // epoch.size)
-        covariance = np.einsum("nfs,nst,ngt->nfg", rows, range_covariance(flight)[epoch], rows)
+        times, errors = len(rows) // epoch.size, range_covariance(flight)[epoch]
+        covariance = np.concatenate([np.einsum("nfs,nst,ngt->nfg", m, errors, m) for m in np.split(rows, times)])
+        epoch = np.tile(epoch, times)
         variance, axes = np.linalg.eigh(covariance)
         rows = axes.swapaxes(1, 2) @ rows
         variance = np.where(variance > _NO_NOISE * variance[:, -1:], variance, 0.0)
         mean = np.einsum("nfs,ns->nf", rows, _without_noise(flight)[epoch])
-        some = (variance[:, -1] > 0.0) & (np.linalg.norm(mean, axis=1) < limit)
+        size = np.linalg.norm(mean, axis=1)
+        if (size >= limit).any():
+            return None, "systematic errors alone let a test of fixes alarm, so alarms are not rare"
+        some = (variance[:, -1] > 0.0) & (size < limit)
         if not some.any():
-            return None
+            return None, "no test of fixes has random errors"
         even, sigma = np.full(int(some.sum()), 1.0 / some.sum()), np.sqrt(variance[some])
         out = cls(flight, epoch[some], rows[some], mean[some], sigma, limit[some], even)
         chance = out._chances()
         if chance.sum() > _OFTEN:
-            return None
+            text = f"probabilities of alarms of all tests add up to {chance.sum():.2g}"
+            return None, f"{text}, and method rare draws alarms up to a sum of {_OFTEN:g}"
         likely = chance / chance.sum()
-        return replace(out, shares=_EVENLY * even + (1.0 - _EVENLY) * likely)
+        return replace(out, shares=_EVENLY * even + (1.0 - _EVENLY) * likely), ""
 
     def is_chosen(self, seed: int, run: int) -> bool:
         """Whether a test is to alarm in a run."""
@@ -113,7 +120,7 @@ class AlarmProposal:
     def push(self, seed: int, run: int, inputs: Inputs, lane: int) -> AlarmPush:
         """The push of a run in a lane of inputs along the route."""
         shared, shift = self.flight.shared, None
-        ranges, _, phases = expected_measurements(shared)
+        ranges, phases = self._expected
         own = inputs.ranges[..., [lane]] - ranges[..., None]
         of_phases = None if phases is None or inputs.phases is None else inputs.phases[..., [lane]] - phases[..., None]
         off = np.where(shared.signals.used, smoothed(shared, own, of_phases)[..., 0], 0.0)
@@ -146,12 +153,18 @@ class AlarmProposal:
         ranges, rates, carrier = of_ranges(self.flight, both)
         return ranges[0], rates[0], None if carrier is None else carrier[0]
 
-    @property
+    @cached_property
+    def _expected(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """Ranges and carrier phases (e, s) along the route without random errors, m."""
+        ranges, _, phases = expected_measurements(self.flight.shared)
+        return ranges, phases
+
+    @cached_property
     def _degrees(self) -> np.ndarray:
         """(n,) number of sums of each test."""
         return np.asarray((self.sigma > 0.0).sum(axis=1))
 
-    @property
+    @cached_property
     def _spread(self) -> np.ndarray:
         """(n, f) variances of the Gaussian that directions are drawn from: about that of the sums if they are large
         enough, in their sigmas; 1 in every direction if all sums vary alike."""

@@ -23,6 +23,7 @@ Sources:
 from __future__ import annotations
 
 import itertools
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -67,6 +68,8 @@ _FAR = 5.0
 """Limits of the box in sigmas of a fix, from which on a gate rejects the fixes after errors that reach them."""
 _KEPT = 16
 """Slopes that are kept for other histories with the same flags."""
+_keeping = threading.Lock()
+"""Of what threads share in `ShiftsByHistory.kept`; a study that goes to other processes can contain no lock."""
 
 
 @dataclass(frozen=True)
@@ -260,7 +263,7 @@ class ShiftsByHistory:
 
     @cached_property
     def _exact(self) -> Inputs:
-        """Inputs along the route of which nothing is drawn."""
+        """Inputs along the route without random errors, but for carrier phases, which stated fixes do not use."""
         flight = self.flight.along_route
         drawn = replace(draw_inputs(flight, 0, (0,)), stated=None)
         initial, dtheta, dv, ranges, rates, *others = deviations(flight, drawn)
@@ -289,15 +292,20 @@ class ShiftsByHistory:
         shared = self.flight.shared
         flags, sigma = self.model.flags(history, shared.signals.time), self.flight.design.flag_sigma
         assert sigma is not None
-        if (key := sigma[flags].tobytes() + rejected.tobytes()) not in self.kept:
+        key = sigma[flags].tobytes() + rejected.tobytes()
+        with _keeping:
+            known = self.kept.get(key)
+        if known is None:
             slopes = sensitivity(self.flight, along_truth(self.flight, flags, rejected), self.weights)
-            while len(self.kept) >= _KEPT:
-                self.kept.pop(next(iter(self.kept)), None)
-            self.kept[key] = slopes, carried(self.flight, slopes, history)
-        slopes, shifts = self.kept[key]
+            known = slopes, carried(self.flight, slopes, history)
+            with _keeping:
+                while len(self.kept) >= _KEPT:
+                    self.kept.pop(next(iter(self.kept)))
+                self.kept[key] = known
+        slopes, shifts = known
         ranges, rates, _ = of_states(shared, slopes, history)
-        known = self.model.lasting_errors(history)[1][history.at(shared.signals.time)]
-        mean = self.mean + slopes.mean + np.einsum("kea,ea->k", slopes.ranges, known)
+        lasting = self.model.lasting_errors(history)[1][history.at(shared.signals.time)]
+        mean = self.mean + slopes.mean + np.einsum("kea,ea->k", slopes.ranges, lasting)
         return proposal_shifts(self.flight, slopes, mean, self.lower, self.upper, self.air,
                                replace(shifts, ranges=ranges, rates=rates))  # fmt: skip
 

@@ -335,6 +335,10 @@ def test_smoothed_code() -> None:
         (("pseudolites.differential={link: {senders: [PL7]}}",), "no pseudolite is named 'PL7'"),
         (("pseudolites.differential={latency_s: 2, link: {max_age_s: 2}}",), "arrive 2 s old"),
         (("method=covariance", "filter.kind=rts"), "rts is a smoother"),
+        (
+            ("method=rare", "box={lateral_m: 1}", "pseudolites.differential={link: {loss: 0.1}}"),
+            "do not know of lost corrections; use method monte-carlo",
+        ),
         (("signals.troposphere={}", "sky.mask_deg=-1"), "above the horizon"),
         (("signals.ionosphere={alpha: [1, 2, 3]}",), "too short"),
     ],

@@ -76,7 +76,7 @@ def test_alarms_that_are_drawn(integrity: str, settings: tuple[str, ...], bias: 
     """Weighted errors alarm as often as those that are drawn as they are: white ones in closed form, or errors that
     last, of the covariance of all epochs, with a bias of one range; each epoch's covariance is a block of that one."""
     flown = case(*BRIEF, "receiver.rate_hz=0.2", f"integrity={integrity}", *settings, "method=rare")
-    flight, found = flown.flight, AlarmProposal.of(flown.flight)
+    flight, (found, _) = flown.flight, AlarmProposal.of(flown.flight)
     assert found is not None
     used, rng = flight.shared.signals.used, np.random.default_rng(5)
     every = covariance(flight)
@@ -101,6 +101,22 @@ def test_alarms_that_are_drawn(integrity: str, settings: tuple[str, ...], bias: 
         expected, spread = 1.0 - 0.997 ** np.unique(found.epoch).size, 0.0
     assert abs(value - expected) < 3.0 * math.hypot(error, spread)
     assert error < 0.15 * value
+
+
+@pytest.mark.parametrize(
+    ("settings", "why"),
+    [
+        (("integrity={method: chi2, p_fa: 0.1}",), "probabilities of alarms of all tests add up to 1.1"),
+        (("integrity={method: chi2, p_fa: 1e-6}", "signals.range_sigma_m=0.1",
+          "signals.troposphere={correction: none}"), "systematic errors alone let a test of fixes alarm"),
+        (("integrity={method: filter}",), "not those of the filter"),
+    ],
+)  # fmt: skip
+def test_why_no_alarms_are_drawn(settings: tuple[str, ...], why: str) -> None:
+    """Alarms that plain runs have often enough, by noise or by what lasts, and alarms of another monitor."""
+    found, told = AlarmProposal.of(case(*BRIEF, "receiver.rate_hz=0.2", *settings, "method=rare").flight)
+    assert found is None
+    assert why in told
 
 
 @pytest.mark.parametrize(
