@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,8 @@ SAME_POSITION = 0.01
 """Distance, m, between rows of one source above which they contradict each other."""
 LONGEST_RANGE = 1e7
 """Largest absolute range, m, that is no mistake."""
+SAME_TIME, FEWEST_PAIRS = 2.0, 10
+"""Ranges of two sources are compared if they lie at most SAME_TIME, s, apart, and if there are FEWEST_PAIRS of them."""
 
 
 @dataclass(frozen=True)
@@ -277,8 +280,7 @@ def _ranges(
 def _check_ranges(log: RangeLog, section: RangesSection, document: Document) -> None:
     """Refuse ranges whose unit, sign or columns cannot be right.
 
-    Two ranges differ at most by the distance of their sources, and add up to it at least, if the vehicle stands; so do
-    their medians nearly.
+    Two ranges of one time differ at most by the distance of their sources, and add up to it at least.
     """
     two_way = section.measurement == "two_way"
     middle = np.array([np.median(log.range[log.source == i]) for i in range(len(log.sources.names))])
@@ -302,14 +304,17 @@ def _check_ranges(log: RangeLog, section: RangesSection, document: Document) -> 
         raise _refuse(document, "ranges.columns", "a sigma of a range is not positive; is another column the sigma?")
     if not two_way:
         return
-    contradiction = _contradiction(log, middle)
+    difference, total = _pairs(log)
+    shortest = float(middle.min())
+    contradiction = _contradiction(log.sources, difference, total, shortest)
     if contradiction is None:
         return
     unit = str(section.range_unit)
+    scales = {other: factor / RANGE_UNITS[unit] for other, factor in RANGE_UNITS.items()}
     fitting = [
         other
-        for other, factor in sorted(RANGE_UNITS.items(), key=lambda pair: abs(np.log(pair[1] / RANGE_UNITS[unit])))
-        if _contradiction(log, middle * factor / RANGE_UNITS[unit]) is None
+        for other, scale in sorted(scales.items(), key=lambda pair: abs(np.log(pair[1])))
+        if _contradiction(log.sources, difference * scale, total * scale, shortest * scale) is None
     ]
     cure = f"they would fit in {fitting[0]}. " if fitting else ""
     raise _refuse(
@@ -319,20 +324,47 @@ def _check_ranges(log: RangeLog, section: RangesSection, document: Document) -> 
     )
 
 
-def _contradiction(log: RangeLog, middle: np.ndarray) -> str | None:
-    """Contradiction of the triangle inequality by two-way ranges with these medians (s,), None if there is none."""
-    names, apart = log.sources.names, np.linalg.norm(log.sources.position[:, None] - log.sources.position[None], axis=2)
-    tolerance = 1.0 + 0.2 * float(middle.min())
-    for excess, words in (
-        (np.abs(middle[:, None] - middle[None]) - apart, "differ by"), (apart - middle[:, None] - middle, "add up to"),
+def _pairs(log: RangeLog) -> tuple[np.ndarray, np.ndarray]:
+    """Medians, m, of the difference (s, s) and of the sum (s, s) of ranges of two sources at nearly the same time.
+
+    The motion between them, at the speed that 90 % of the ranges of all sources change with at most, is subtracted from
+    differences and added to sums. Zero and infinite for sources without enough ranges at the same time.
+    """
+    number = len(log.sources.names)
+    each = [(log.time[log.source == i], log.range[log.source == i]) for i in range(number)]
+    steps = np.concatenate([[np.diff(t), np.abs(np.diff(r))] for t, r in each], axis=1)
+    steps = steps[:, steps[0] > 0.0]
+    speed = float(np.quantile(steps[1] / steps[0], 0.9)) if steps.size else 0.0
+    difference, total = np.zeros((number, number)), np.full((number, number), np.inf)
+    for a, b in combinations(range(number), 2):
+        (t, r), (other_t, other_r) = each[a], each[b]
+        after = np.clip(np.searchsorted(other_t, t), 1, max(other_t.size - 1, 1))
+        nearest = np.where(t - other_t[after - 1] < other_t[after % other_t.size] - t, after - 1, after % other_t.size)
+        apart = np.abs(t - other_t[nearest])
+        near = apart <= SAME_TIME
+        if near.sum() >= FEWEST_PAIRS:
+            one, two, motion = r[near], other_r[nearest[near]], speed * apart[near]
+            difference[a, b] = difference[b, a] = np.median(np.abs(one - two) - motion)
+            total[a, b] = total[b, a] = np.median(one + two + motion)
+    return difference, total
+
+
+def _contradiction(sources: Sources, difference: np.ndarray, total: np.ndarray, shortest: float) -> str | None:
+    """Contradiction of the triangle inequality by two-way ranges, None if there is none.
+
+    difference, total: of `_pairs`. shortest: the smallest median of a source's ranges, m.
+    """
+    names, apart = sources.names, np.linalg.norm(sources.position[:, None] - sources.position[None], axis=2)
+    tolerance = 1.0 + 0.2 * shortest
+    for excess, length, words in (
+        (difference - apart, difference, "differ by {} m or more"), (apart - total, total, "add up to {} m or less"),
     ):  # fmt: skip
         excess = np.where(np.eye(len(names), dtype=bool), -np.inf, excess)
         a, b = np.unravel_index(int(np.argmax(excess)), excess.shape)
         if excess[a, b] > tolerance:
-            length = abs(middle[a] - middle[b]) if words == "differ by" else middle[a] + middle[b]
             return (
-                f"the ranges of {names[a]} and {names[b]} {words} {digits(length, 4)} m (medians), but these are "
-                f"{digits(apart[a, b], 4)} m apart"
+                f"the ranges of {names[a]} and {names[b]} at the same time {words.format(digits(length[a, b], 4))} "
+                f"(median), but these are {digits(apart[a, b], 4)} m apart"
             )
     return None
 

@@ -101,9 +101,9 @@ def test_a_column_of_zeros_has_no_range(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("rows", "ranges", "sources", "says"),
     [
-        (table(1 / 0.3048), "", SOURCES, r"differ by .* m \(medians\), .* apart: they would fit in ft. Check"),
+        (table(1 / 0.3048), "", SOURCES, r"differ by .* m or more \(median\), .* apart: they would fit in ft. Check"),
         (table(1000.0), "", SOURCES, r"they would fit in mm"),
-        (table(0.001), "", SOURCES, r"add up to .* m \(medians\), but these are .* apart: they would fit in km"),
+        (table(0.001), "", SOURCES, r"add up to .* m or less \(median\), but these are .* apart: they would fit in km"),
         (table(1e9), "", SOURCES, r"ranges are .* m long .*check ranges.range_unit"),
         (table(-1.0), "", SOURCES, r"100% of the two-way ranges are negative.*one_way"),
         (table()[:1] + table()[:0:-1], "", SOURCES, r"79 times of 80 in r.csv run backwards.*t_s"),
@@ -125,6 +125,24 @@ def test_wrong_input_is_named(tmp_path: Path, rows: list[str], ranges: str, sour
     message = refusal(tmp_path, rows, ranges, sources)
     assert re.search(says, message), message
     assert "x.yaml:" in message
+
+
+def test_ranges_taken_at_different_places_are_not_compared(tmp_path: Path) -> None:
+    """Exact ranges within 300 m, of two groups of sources 1 km apart that a straight flight passes one after the other.
+
+    The medians of a and f add up to 313 m, but they were taken 1 km apart.
+    """
+    places = np.concatenate([POSITIONS[:3], POSITIONS[:3] + np.array([0.0, 1000.0, 0.0])])
+    time = 0.5 * np.arange(220)
+    position = np.column_stack([np.full(time.size, 20.0), 15.0 * time - 300.0, np.full(time.size, 50.0)])
+    distance = np.linalg.norm(position[:, None] - places, axis=2)
+    rows = [f"{time[k]:.1f},{'abcdef'[i]},{distance[k, i]:.4f}" for k, i in np.argwhere(distance < 300.0)]
+    sources = ", ".join(f"{{name: {'abcdef'[i]}, position_m: {p.tolist()}}}" for i, p in enumerate(places))
+    head, table_of = "t_s,source,range_m", f"positions: [{sources}]"
+    log = read(tmp_path, [head, *rows], "", table_of)
+    assert log.range.size == len(rows)
+    wrong = [f"{t},{name},{float(x) * 0.1:.4f}" for t, name, x in (row.split(",") for row in rows)]
+    assert "at the same time add up to" in refusal(tmp_path, [head, *wrong], "", table_of)
 
 
 def test_swapped_latitude_and_longitude(tmp_path: Path) -> None:
