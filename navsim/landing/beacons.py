@@ -20,7 +20,7 @@ from navsim.gnss.ranging_geometry import (
     without_clock,
 )
 from navsim.gnss.sky import enu_matrix
-from navsim.results.notes import BEACONS, CONSISTENT, SIGMA_WITH_BEACONS, Note
+from navsim.results.notes import BEACONS, CONSISTENT, SECOND_ORDER, SIGMA_WITH_BEACONS, Note
 from navsim.sensors.beacons import Beacons
 from navsim.statistics.rounding import digits
 from navsim.trajectory.kinematics import Moving
@@ -233,13 +233,29 @@ class CurvedRange:
             float(ratio[e, n]),
         )  # fmt: skip
 
+    @property
+    def _where(self) -> str:
+        """Where it is, and by how much it is not linear."""
+        side = "above" if self.height > 0.0 else "below"
+        return (
+            f"at {digits(self.distance)} m, {abs(self.height):.0f} m {side} it, they are {digits(self.longer)} m off "
+            f"on average, {digits(self.ratio)} times their noise"
+        )
+
+    @property
+    def followed(self) -> str:
+        """Note that the filter estimates the second order by itself, with the worst beacon."""
+        return Note(
+            "beacons: the filter estimates the second order of ranges, because they are not linear in the position "
+            f"error. The worst are those of {self.name}: {self._where}. `filter.beacons.second_order: false` leaves it "
+            "out", SECOND_ORDER,
+        )  # fmt: skip
+
     def warning(self, cure: str) -> str:
         """Warning that the filter takes it as linear. cure: what helps beside larger noise and other places."""
-        side = "above" if self.height > 0.0 else "below"
         return Note(
-            f"beacons: the filter takes ranges of {self.name} as linear in the position error, which they are not: at "
-            f"{digits(self.distance)} m, {abs(self.height):.0f} m {side} it, they are {digits(self.longer)} m off on "
-            f"average, {digits(self.ratio)} times their noise. So sigma may be far too small. {cure}. Or check "
+            f"beacons: the filter takes ranges of {self.name} as linear in the position error, which they are not: "
+            f"{self._where}. So sigma may be far too small. {cure}. Or check "
             "beacons.height_m; put beacons where they show the position, far above or below the path; set "
             f"filter.beacons.sigma_m to {digits(1.1 * self.longer / CURVED, 2)}",  # more noise also leaves P larger
             SIGMA_WITH_BEACONS, (CONSISTENT,),

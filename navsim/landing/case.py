@@ -27,7 +27,7 @@ from navsim.landing.preflight import PreflightChecks, build_environment
 from navsim.results.heights import height_m
 from navsim.results.schema import HEIGHTS, RMS_WINDOW
 from navsim.scenario.analysable import check_analysable
-from navsim.scenario.beacons import second_order_refused
+from navsim.scenario.beacons import second_order_cure, second_order_refused
 from navsim.scenario.estimated_errors import about_correlated_errors, about_transmitter_errors
 from navsim.scenario.landing import Landing
 from navsim.scenario.requirements import ErrorRequirement, singles
@@ -74,6 +74,8 @@ class Case:
     environment: SignalScenario
     flight: Flight
     sky_warnings: list[str] = field(default_factory=list)
+    second_order_of: CurvedRange | None = None
+    """The range for which the filter estimates the second order although its scenario does not say so."""
 
     @property
     def warnings(self) -> list[str]:
@@ -85,12 +87,18 @@ class Case:
         silent = (f"{s.name}: measures nothing on this flight, {why[isinstance(s, GroundStation)]}" for s in idle)
         return [*self.sky_warnings, *self.preflight.warnings, *near, *self._bent_ranges(), *silent]
 
+    @property
+    def given(self) -> Landing:
+        """The scenario as it was given: without the second order of ranges that navsim set itself."""
+        return self.scenario if self.second_order_of is None else _with_key(self.scenario, None)
+
     def _bent_ranges(self) -> list[str]:
-        """Warning of beacons whose ranges the filter's linearisation falsifies."""
-        its = self.scenario.filter.beacons
-        if its.second_order or (curved := self.curved) is None:
+        """Warning of beacons whose ranges the filter's linearisation falsifies, or that it estimates this itself."""
+        if self.second_order_of is not None:
+            return [self.second_order_of.followed]
+        if self.scenario.filter.beacons.second_order or (curved := self.curved) is None:
             return []
-        return [curved.warning(second_order_refused(self.scenario) or "Set filter.beacons.second_order: true")]
+        return [curved.warning(second_order_cure(self.scenario))]
 
     @cached_property
     def curved(self) -> CurvedRange | None:
@@ -111,10 +119,11 @@ class Case:
         return CurvedRange.of(geometry, second_order(geometry, of_fix), sensor.transmitter_at(asked[times]))
 
     def _curved_without_fixes(self, sensor: Beacons) -> CurvedRange | None:
-        """`curved` of the times at which there are no fixes, and the filter's sigma grows."""
+        """`curved` of the times at which the last fix is more than `MAX_GAP_S` old, and the filter's sigma grows."""
         time, shared = grid(self.shared), self.shared
-        epoch = np.searchsorted(shared.signals.time, time, side="right") - 1
-        alone = (epoch < 0) | ~shared.fix_errors.fixed[epoch]
+        epochs, fixed = shared.signals.time, shared.fix_errors.fixed
+        epoch = np.searchsorted(epochs, time, side="right") - 1
+        alone = (epoch < 0) | ~fixed[epoch] | (time - epochs[epoch] > MAX_GAP_S)
         geometry = beacon_geometry(sensor, self.trajectory, time)
         if not geometry.received[alone].any():
             return None
@@ -293,20 +302,26 @@ def prepare(scenario: Landing, document: Document, ask: Ask = lambda *_: None) -
     trajectory, sources, scenario, warnings = build_environment(scenario, document)
     ask(scenario, sources)
     case = case_of(scenario, trajectory, sources, world_of(scenario, trajectory, sources), warnings)
-    if scenario.filter.beacons.second_order is None and not second_order_refused(scenario) and case.curved is not None:
-        case = _with_second_order(case)
+    may = scenario.filter.beacons.second_order is None and not second_order_refused(scenario)
+    if may and (curved := case.curved) is not None:
+        case = _with_second_order(case, curved)
     case.preflight.check(document)
     return case
 
 
-def _with_second_order(case: Case) -> Case:
+def _with_second_order(case: Case, curved: CurvedRange) -> Case:
     """The same with products of the position error as states, for ranges that are not linear in it."""
-    its = case.scenario.filter
-    own = its.model_copy(update={"beacons": its.beacons.model_copy(update={"second_order": True})})
-    scenario = case.scenario.model_copy(update={"filter": own})
+    scenario = _with_key(case.scenario, True)
     aids = aids_of(scenario.aiding(), case.trajectory, scenario.duration_s, scenario.imu.rate_hz)
-    shared = replace(case.shared, aids=aids)
-    return case_of(scenario, case.trajectory, case.environment, shared, case.sky_warnings)
+    own = case_of(scenario, case.trajectory, case.environment, replace(case.shared, aids=aids), case.sky_warnings)
+    return replace(own, second_order_of=curved)
+
+
+def _with_key(scenario: Landing, second_order: bool | None) -> Landing:
+    """The same with another `filter.beacons.second_order`."""
+    its = scenario.filter
+    own = its.model_copy(update={"beacons": its.beacons.model_copy(update={"second_order": second_order})})
+    return scenario.model_copy(update={"filter": own})
 
 
 def case_of(

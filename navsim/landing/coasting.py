@@ -102,12 +102,16 @@ class Coasting:
         if self.geometry.sensor.design.clock is not None:
             f[:, -2, -1] = 1.0
         f *= h
-        square = f @ f
-        gyro, accel = self.design.sensors.blocks[:2]
         added = np.zeros(size)
+        for place, block in zip((_GYRO, _ACCEL), self.design.sensors.blocks[:2], strict=True):
+            decay, slower = block.decay * h, min(1.0, 1.0 / (block.decay * h)) if block.decay else 1.0
+            # one that is faster than the steps becomes one of a step, with the same density at frequency 0
+            decay, drive = decay * slower, block.drive * slower**2
+            f[:, place, place] = -decay * np.eye(3)
+            added[place] = drive * h * (-np.expm1(-2.0 * decay) / (2.0 * decay) if decay else 1.0)
+        square = f @ f
         for place, density in zip((_TILT, _VELOCITY), self.design.sensors.noise, strict=True):
             added[place] = density * h
-        added[_GYRO], added[_ACCEL] = gyro.drive * h, accel.drive * h
         if (clock := self.geometry.sensor.design.clock) is not None:
             added[-2:] = np.array(clock.density) * h
         return np.eye(size) + f + 0.5 * square + square @ f / 6.0, added

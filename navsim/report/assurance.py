@@ -14,6 +14,8 @@ from typing import Any
 
 from navsim.report.citations import at, filtered, methods_of, of_landing
 from navsim.results.estimates import BRANCH
+from navsim.results.findings import of as findings_of
+from navsim.results.notes import SECOND_ORDER
 from navsim.results.result import Result, scenario_of
 
 _PACKED = Path(__file__).resolve().parent / "pages"
@@ -271,7 +273,11 @@ UNCHECKED: Mapping[str, Callable[[Mapping[str, Any], Result], bool]] = {
         filtered(scenario, result.attributes) and bool(at(scenario, "receiver", "latency_s"))
     ),
     "states for products of position errors near beacons": lambda scenario, result: (
-        filtered(scenario, result.attributes) and bool(at(scenario, "filter", "beacons", "second_order"))
+        filtered(scenario, result.attributes)
+        and bool(
+            at(scenario, "filter", "beacons", "second_order")
+            or any(found.name == SECOND_ORDER for found in findings_of(result))
+        )
     ),
     "filter states for time-correlated ranging errors, and their inflation": lambda scenario, result: (
         filtered(scenario, result.attributes) and _is_set(at(scenario, "signals", "errors"))

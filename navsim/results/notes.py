@@ -7,6 +7,8 @@ FIX, CONSISTENT = "fix", "consistent"
 (`--require-consistent`)."""
 BEACONS, SIGMA_WITH_BEACONS = "beacons", "sigma_with_beacons"
 """Names of findings: ranges to beacons show a position badly; the filter's sigma with them is too small."""
+SECOND_ORDER = "second_order"
+"""Name of the finding that a filter estimates the second order of ranges although its scenario does not say so."""
 
 
 class Note(str):

@@ -370,14 +370,34 @@ ERRORS_OF_BEACONS = ("bias_sigma_m", "growth_sigma_m", "survey_sigma_m")
 """Keys of the errors that a filter may estimate."""
 
 
+_KINDS_WITH_PRODUCTS = ("gaussian-sum", "tfg", "eskf", "left-invariant")
+"""Kinds of filter that can estimate products of the position error."""
+
+
 def second_order_refused(landing: Landing) -> str:
     """Why a filter, or a monitor of it, does not estimate products of the position error; "" if it can."""
     kind, watched = landing.filter.kind, landing.integrity
-    if kind not in (kinds := ("gaussian-sum", "tfg", "eskf", "left-invariant")):
-        return f"{kind} has no products of the position error; use kind {', '.join(kinds)}"
+    if kind not in _KINDS_WITH_PRODUCTS:
+        return f"{kind} has no products of the position error; use kind {', '.join(_KINDS_WITH_PRODUCTS)}"
     if watched is not None and (watched.method == "filter" or watched.innovations is not None):
         return "integrity watches filters that are linear: leave the monitor out, or `second_order: false`"
     return "" if landing.method == "monte-carlo" else "the covariance analysis is linear: use method monte-carlo"
+
+
+def second_order_cure(landing: Landing) -> str:
+    """All that has to change so that the filter estimates products of the position error."""
+    watched, changes = landing.integrity, []
+    if landing.filter.kind not in _KINDS_WITH_PRODUCTS:
+        changes.append(f"use filter.kind {', '.join(_KINDS_WITH_PRODUCTS[:-1])} or {_KINDS_WITH_PRODUCTS[-1]}")
+    if watched is not None and watched.method == "filter":
+        changes.append("use another integrity.method than filter")
+    if watched is not None and watched.innovations is not None:
+        changes.append("leave integrity.innovations out")
+    if landing.method != "monte-carlo":
+        changes.append(f"use method monte-carlo instead of {landing.method}, which is of a linear filter")
+    if not changes or landing.filter.beacons.second_order is False:
+        changes.append("set filter.beacons.second_order: true")
+    return f"To let the filter estimate their second order, {'; '.join(changes)}"
 
 
 class FilterBeaconClock(Section):
@@ -403,7 +423,7 @@ class FilterBeacons(FilterAidingSection):
     beacon; none: nothing, a beacon is described by its noise alone"""
     second_order: bool | None = None
     """estimate products of the position error as six further states, so that ranges need not be linear in it. Default:
-    in Monte Carlo runs whose second-order errors of ranges exceed a quarter of their noise"""
+    in Monte Carlo runs whose second-order errors of ranges exceed a quarter of their noise, if the filter's kind can"""
     outliers: Literal["gate", "mixture"] = "gate"
     """what the filter does about outliers. gate: `filter.gate` alone rejects them; mixture: it weighs by how probable
     each outlier is, given the shares and sizes below, and the gate does not test beacons"""

@@ -151,6 +151,17 @@ def test_two_sources_exchanged_in_the_table(monkeypatch: pytest.MonkeyPatch) -> 
         assert swapped.fits_badly(model, model.settings(), smoothed) == bool(pairs)
 
 
+def test_noise_is_no_exchange_of_sources(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Noise of 2 m and biases of 1 m, of which the filter knows nothing: with a right table no pair is named."""
+    monkeypatch.setattr(swapped, "_WORST", 2)
+    time, source = cycle(120, 0.3)
+    draw, position = np.random.default_rng(504), np.array([[0.0, 0, 0], [20, 0, 1], [1, 19, 0.5], [21, 20, 0]])
+    track = np.column_stack([5.0 + 0.3 * time, 4.0 - 0.2 * time, np.full(time.size, 6.0)])
+    ranges = np.linalg.norm(track - position[source], axis=1) + draw.normal(0.0, 2.0, time.size)
+    model = model_of(time, source, ranges + draw.normal(0.0, 1.0, 4)[source], position=position)
+    assert swapped.swapped_pairs(model, np.array([0.0, 1.0, 1.0, 0.0])) == []
+
+
 def test_cramer_rao_bound_of_a_static_layout() -> None:
     """The inverse of the sum of u u' / sigma^2."""
     time, source = cycle(400, 0.1)

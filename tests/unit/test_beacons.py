@@ -20,8 +20,10 @@ from navsim.formats.export_maps import write_kml
 from navsim.geodesy.earth import ecef_from_llh, llh_from_ecef, ned_matrix
 from navsim.gnss.ranging_geometry import mirror_image
 from navsim.landing.beacons import beacon_geometry, second_order
+from navsim.landing.case import prepare
 from navsim.landing.coasting import Coasting, grid
 from navsim.landing.covariance import covariance_findings
+from navsim.landing.result_groups import attributes
 from navsim.landing.study import covariance_analysis, covariance_result
 from navsim.optimization.job import OptimizeJob
 from navsim.optimization.problem import problem
@@ -30,9 +32,11 @@ from navsim.optimization.result import dop_warnings, masts_above_glide, optimize
 from navsim.optimization.scenario import Optimize
 from navsim.optimization.study import solve
 from navsim.report.table import Table
+from navsim.results.notes import Note
 from navsim.results.result import read
 from navsim.results.schema import HEIGHTS
 from navsim.runner.job import Options
+from navsim.scenario import load
 from navsim.scenario.load import read_study
 from navsim.scenario_files.source import InputError
 from navsim.sensors.beacons import Beacons
@@ -461,6 +465,11 @@ def test_curved_ranges_are_warned_of() -> None:
     assert by_default.scenario.filter.beacons.second_order
     assert len(by_default.states) == len(of.states) + 6
     assert not [text for text in by_default.warnings if "as linear" in text]
+    (note,) = (text for text in by_default.warnings if "estimates the second order" in text)
+    assert isinstance(note, Note)
+    assert (note.name, note.against) == ("second_order", ())
+    assert "those of B1: at" in note
+    assert "`filter.beacons.second_order: false`" in note
     assert of.beacons is not None
     there = of.shared.fix_errors.of_ranges(of.shared.signals.fix_sigma)[:, :3, :3]
     (longer,) = second_order(of.beacons.at(np.arange(30) == 20), there[20:21])[0]
@@ -490,15 +499,53 @@ def test_curved_ranges_are_warned_of() -> None:
     assert not [text for text in more.warnings if "as linear in the position error" in text]
 
 
-@pytest.mark.parametrize("clock", ["", ", clock: {}"])
-def test_covariance_without_fixes(clock: str) -> None:
-    """Before anything is flown, sigma of the position is that of the covariance analysis; where satellites are lost,
-    its growth says whether ranges are linear. A smoother warns, and names the kinds that estimate products."""
+CURVED = (*BRIEF, section("bias_sigma_m: 0.2", sites="{s_m: 150, l1_m: 1000, height_m: 100}"))
+
+
+@pytest.mark.parametrize(
+    ("settings", "changes", "cures"),
+    [
+        (["integrity={method: filter}"], ["use another integrity.method than filter"], ["integrity.method=mhss"]),
+        (["integrity={innovations: {}}", "filter.kind=rts"],
+         ["use filter.kind gaussian-sum", "leave integrity.innovations out"],
+         ["integrity.innovations=null", "filter.kind=eskf"]),
+        (["method=rare", "box={lateral_m: 1, height_m: 100}", "filter.beacons.second_order=false"],
+         ["use method monte-carlo instead of rare", "set filter.beacons.second_order: true"],
+         ["method=monte-carlo", "filter.beacons.second_order=true"]),
+    ],
+)  # fmt: skip
+def test_cures_of_curved_ranges(settings: list[str], changes: list[str], cures: list[str]) -> None:
+    """Each warning names all that has to change, and with that it is gone."""
+    (said,) = (text for text in case(*CURVED, *settings).warnings if "as linear" in text)
+    assert all(change in said for change in changes)
+    assert not [text for text in case(*CURVED, *settings, *cures).warnings if "as linear" in text]
+
+
+def test_the_stored_scenario_keeps_what_was_given(tmp_path: Path) -> None:
+    """So that other methods, which are linear, take it."""
+    flown = case(*CURVED)
+    stored = tmp_path / "stored.yaml"
+    stored.write_text(text := attributes(flown, 1)["scenario"])
+    assert "second_order" not in text
+    again = prepare(*load.read(stored))
+    assert again.scenario == flown.scenario
+    assert attributes(again, 1)["scenario"] == text
+    assert covariance_analysis(prepare(*load.read(stored, ["method=covariance"])))
+
+
+FADING = "imu.gyro={drift_deg_h: 0, markov_deg_h: 3000, markov_time_s: 5}"
+
+
+@pytest.mark.parametrize(("clock", "more"), [("", ()), (", clock: {}", ()), ("", (FADING,))])
+def test_covariance_without_fixes(clock: str, more: tuple[str, ...]) -> None:
+    """Before anything is flown, sigma of the position is that of the covariance analysis, with biases that fade, too;
+    where satellites are lost, its growth says whether ranges are linear. A smoother warns, and names the kinds that
+    estimate products."""
     lost = ("duration_s=40", "receiver.rate_hz=1", "imu.rate_hz=20", "initial_errors.attitude_deg=1",
             f"beacons={{sites: [{{s_m: 40, l1_m: 300, height_m: 10}}, {{s_m: -300, l1_m: 900}}], rate_hz: 10, "
             f"range_limit_m: 3000, sigma_m: 0.1, bias_sigma_m: 0.1{clock}}}", "pseudolites.count=0",
             "events=[{what: silence, sources: [all], at_s: 12}, {what: silence, sources: [B2], at_s: 20}]",
-            "filter.coupling=tight")  # fmt: skip
+            "filter.coupling=tight", *more)  # fmt: skip
     linear = case(*lost, "filter.kind=eskf", "filter.beacons.second_order=false")
     analysis, time, out = covariance_analysis(linear), grid(linear.shared), linear.shared.filter_time[5:]
     geometry = beacon_geometry(linear.shared.aids[0].sensor, linear.trajectory, time)
@@ -508,7 +555,7 @@ def test_covariance_without_fixes(clock: str) -> None:
     assert sigma[-5:].max() > 5.0 * sigma[6, :2].max()
     np.testing.assert_allclose(ours, sigma, rtol=0.05)
     (said,) = (text for text in case(*lost, "filter.kind=rts").warnings if "as linear" in text)
-    assert "rts has no products of the position error; use kind gaussian-sum" in said
+    assert "use filter.kind gaussian-sum, tfg, eskf or left-invariant" in said
     assert "second_order: true" not in said
 
 
