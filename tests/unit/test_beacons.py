@@ -502,6 +502,15 @@ def test_curved_ranges_are_warned_of() -> None:
 CURVED = (*BRIEF, section("bias_sigma_m: 0.2", sites="{s_m: 150, l1_m: 1000, height_m: 100}"))
 
 
+def test_curved_between_sparse_fixes() -> None:
+    """Sigma grows for 10 s from one fix to the next: where those of fixes are linear, the ranges between are not."""
+    far = section("bias_sigma_m: 0.2", sites="{s_m: 400, l1_m: 4000}"), "filter.beacons.second_order=false"
+    small = "initial_errors={attitude_deg: 5, position_m: 1, velocity_m_s: 1}"
+    often, seldom = (case(*BRIEF, *far, small, f"receiver.rate_hz={rate}").warnings for rate in (1, 0.1))
+    assert not [text for text in often if "as linear" in text]
+    assert [text for text in seldom if "as linear" in text]
+
+
 @pytest.mark.parametrize(
     ("settings", "changes", "cures"),
     [
