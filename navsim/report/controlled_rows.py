@@ -14,7 +14,7 @@ from navsim.results.result import Result
 from navsim.results.schema import RMS_WINDOW, RUNWAY_AXES
 from navsim.statistics.rounding import digits
 
-_MILLION = 1e6
+_MILLION, _MOST = 1e6, 1e9
 _NO_GAIN = "no better"
 """Cell of an estimate whose interval the first-order errors do not make narrower."""
 
@@ -69,10 +69,12 @@ def _decimals(half: float, most: int) -> int:
 
 
 def as_good_as(result: Result, gain: float) -> str:
-    """Number of runs that would be as precise without control, to two digits: see `Controlled`."""
+    """Number of runs that would be as precise without control, to two digits, at most 1e9: see `Controlled`."""
     runs = gain * result["/run"].size
     if not math.isfinite(runs):
         return "any number"
+    if runs > _MOST:
+        return "over 1000 million"
     if runs >= _MILLION:
         return f"{float(f'{digits(runs / _MILLION, 2)}'):.15g} million"
     unit = 10 ** max(0, math.floor(math.log10(runs)) - 1)

@@ -100,6 +100,7 @@ def test_the_table_has_both(made: Result) -> None:
     value, low, high = made["/summary/rms/vertical"]
     assert plain[0].endswith(f": {value:.4g}  [{low:.4g}, {high:.4g}]")
     assert as_good_as(made, 1e4) == "1.3 million"
+    assert as_good_as(made, 1e8) == "over 1000 million"
     assert as_good_as(made, 123.0) == "16 000"
 
 
