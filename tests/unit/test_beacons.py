@@ -504,11 +504,15 @@ CURVED = (*BRIEF, section("bias_sigma_m: 0.2", sites="{s_m: 150, l1_m: 1000, hei
 
 def test_curved_between_sparse_fixes() -> None:
     """Sigma grows for 10 s from one fix to the next: where those of fixes are linear, the ranges between are not."""
-    far = section("bias_sigma_m: 0.2", sites="{s_m: 400, l1_m: 4000}"), "filter.beacons.second_order=false"
-    small = "initial_errors={attitude_deg: 5, position_m: 1, velocity_m_s: 1}"
-    often, seldom = (case(*BRIEF, *far, small, f"receiver.rate_hz={rate}").warnings for rate in (1, 0.1))
-    assert not [text for text in often if "as linear" in text]
-    assert [text for text in seldom if "as linear" in text]
+    near = section("bias_sigma_m: 0.2", sites="{s_m: 400, l1_m: 1000}"), "filter.beacons.second_order=false"
+    drift = "imu.gyro={drift_deg_h: 0, arw_deg_sqrt_h: 60}"
+    small = "initial_errors={attitude_deg: 0.01, position_m: 1, velocity_m_s: 0.1}"
+    often, seldom = (case(*BRIEF, *near, drift, small, f"receiver.rate_hz={rate}") for rate in (1, 0.1))
+    assert often.beacons is not None
+    last = np.linalg.norm(often.beacons.away[11:, 0], axis=1)
+    assert often.curved is None
+    assert seldom.curved is not None
+    assert last.min() < seldom.curved.distance < last.max(), "after the fix of 10 s"
 
 
 @pytest.mark.parametrize(
