@@ -27,12 +27,12 @@ from navsim.ranging.filter import DistanceLines, RangeHistory, filter_ranges, sm
 from navsim.ranging.model import (
     BY_SOURCE,
     FACTOR_BOUNDS,
-    RECEIVER,
     SETTINGS,
     SPREAD_DEGREES,
     USUAL_SPREAD,
     RangeModel,
 )
+from navsim.ranging.scenario import RECEIVER
 
 NO_LINES = DistanceLines(np.empty((0, 3)), np.empty(0), np.empty(0))
 """The filter linearises about its own prediction."""

@@ -28,10 +28,8 @@ import numpy as np
 
 from navsim.ranging.filter import Dynamics, RangeData, RangeNoise, smoothed_variance
 from navsim.ranging.recording import RangeLog
-from navsim.ranging.scenario import RecordedRanges
+from navsim.ranging.scenario import RECEIVER, RecordedRanges
 
-RECEIVER = "receiver"
-"""Name of the receiver among the clocks."""
 MOTIONS = ("velocity", "acceleration")
 """Models of motion: what is constant but for noise."""
 FIRST_ACCELERATION = 3.0

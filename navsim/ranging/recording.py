@@ -17,6 +17,7 @@ from navsim.geodesy import earth
 from navsim.ranging.scenario import (
     LENGTH_UNITS,
     RANGE_UNITS,
+    RECEIVER,
     RangesSection,
     RecordedRanges,
     ReferenceSection,
@@ -98,6 +99,10 @@ def read_log(scenario: RecordedRanges, document: Document) -> RangeLog:
 def read_ranges(ranges: RangesSection, places: SourceTable, span: tuple[float, float], document: Document) -> RangeLog:
     """Read and check ranges in a span of time, s, and their sources. Raises InputError."""
     sources = _sources(places, document)
+    if ranges.measurement == "one_way" and RECEIVER in sources.names:
+        key = "sources.positions" if places.positions else "sources.file"
+        message = f"a source is named {RECEIVER}, as the clock of the receiver is; give it another name"
+        raise _refuse(document, key, message)
     tables = [_ranges(ranges, document, k, sources) for k in range(len(ranges.file))]
     time, index, values, sigma, signal = (np.concatenate(part) for part in zip(*tables, strict=True))
     warnings = []

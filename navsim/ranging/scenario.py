@@ -31,6 +31,8 @@ RANGE_UNITS = {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048, "ns": 
 """Units of ranges, each in m; times are those of the way."""
 LENGTH_UNITS = {unit: RANGE_UNITS[unit] for unit in ("m", "km", "cm", "mm", "ft")}
 """Units of positions, each in m."""
+RECEIVER = "receiver"
+"""Name of the receiver among the clocks."""
 RangeUnit = Literal["m", "km", "cm", "mm", "ft", "ns", "us"]
 LengthUnit = Literal["m", "km", "cm", "mm", "ft"]
 TimeUnit = Literal["s", "ms", "us", "ns"]

@@ -12,7 +12,8 @@ import numpy as np
 
 from navsim.gnss.ranging_geometry import Plane, plane_of
 from navsim.ranging.estimate import Smoothed, StartState, relinearise
-from navsim.ranging.model import RECEIVER, RangeModel
+from navsim.ranging.model import RangeModel
+from navsim.ranging.scenario import RECEIVER
 
 WINDOW = 2.0
 """Length of the first stretch, s, whose ranges give the start; longer where not every source is heard in it."""

@@ -454,6 +454,7 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float, stops: bool = 
     arrival, withheld, count = flight.arrival[rows], given.withheld[rows], rows.size
     wanted = np.unique(times[(times > at + design.latency) & (times <= end + 1e-9)])
     outputs = np.unique(np.concatenate([imu.time[:1], arrival[-1:] if given.brief else arrival, wanted]))
+    known_llh = np.where(given.withheld[:, None], np.nan, flight.llh)
     llh, velocity = flight.llh[rows], flight.velocity[rows]
     llh[withheld] = velocity[withheld] = np.nan
     valid = np.maximum(arrival - design.latency, at)
@@ -506,7 +507,7 @@ def _fly_part(given: _FlightInputs, begin: PartStart, end: float, stops: bool = 
         measurements,
         events,
         start(
-            *start_of(flight, begin, design, fix_sigma, scales, ranges),
+            *start_of(replace(flight, llh=known_llh), begin, design, fix_sigma, scales, ranges),
             model.components,
             heard.shape[1] + measurements.beacons.position.shape[0],
         ),

@@ -79,7 +79,7 @@ def start_of(
     """
     if begin.known is not None:
         matrix = design.sensors.covariance(begin.known.sigma)
-        nav = start_clocks(begin.known.navigation, matrix, flight, begin, design.sensors)
+        nav = start_clocks(begin.known.navigation, matrix, flight, begin, design)
         return _with_clock(nav, matrix, begin, ranges, scales)
     alignment = begin.alignment
     nav = np.zeros(states.NAV_N)
@@ -121,7 +121,7 @@ def start_of(
     # the start contains the lasting error of its heading, whose state is the last one
     if design.sensors.blocks[-1].sensor == HEADING and begin.kept is None:
         matrix[att, -1] = matrix[-1, att] = -(design.sensors.sigma[-1] ** 2) * alignment.by_heading
-    nav = start_clocks(nav, matrix, flight, begin, design.sensors)
+    nav = start_clocks(nav, matrix, flight, begin, design)
     return _with_clock(nav, matrix, begin, ranges, scales)
 
 

@@ -13,19 +13,21 @@ Source: `docs/theory/beacons.md`, section 3; the same model as of ranges alone (
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from navsim.filter import states
-from navsim.filter.design import SensorDesign
+from navsim.filter.design import FilterDesign, SensorDesign
 from navsim.filter.measurement_kinds import BEACON, BEACON_STATES, BeaconTable
-from navsim.filter.records import REJECTED
+from navsim.filter.records import NOT_USED, REJECTED
 from navsim.filter.states import Block, ReferenceClock
-from navsim.geodesy.earth import ecef_from_llh
+from navsim.geodesy.earth import SPEED_OF_LIGHT, ecef_from_llh, ned_matrix
 from navsim.gnss.clock_noise import step_covariance
 from navsim.ranging.evaluation import unobserved_states
-from navsim.ranging.model import RECEIVER, UNKNOWN_CLOCK
+from navsim.ranging.model import UNKNOWN_CLOCK
+from navsim.ranging.scenario import RECEIVER
 from navsim.results.builder import ResultBuilder
 from navsim.results.findings import Finding, several
 from navsim.sensors.beacons import RECEIVER_CLOCK, clock_blocks
@@ -39,12 +41,22 @@ if TYPE_CHECKING:
 
 _OF_SOURCE = "transmitter_clock{}_"
 """Name of the states of a source's clock, before the source's name."""
-FAR = 5.0
-"""Offset of a clock, in the 1 sigma that the log expects, beyond which a finding is reported."""
+FAR, FAST = 5.0, 3.0
+"""Offset and rate of a clock, in the 1 sigma that the log expects, beyond which a finding is reported."""
 MOSTLY = 0.5
 """Share of a source's ranges."""
-_FIRST = 5
-"""Number of first ranges whose median shows the offset of a clock."""
+_FIRST, _FIRST_S = 5, 5.0
+"""Number of first ranges, and their time, s, that show offset and rate of a clock; the longer one."""
+_PAIRED = 40
+"""Most ranges of a source whose pairs show a rate."""
+_SHORTEST = 1.0
+"""Shortest time that shows a rate, s."""
+_GAP = 10.0
+"""Longest interval of fixes between which a position is interpolated, s."""
+_COMPARED_S = 60.0
+"""Time in which rates of two clocks are compared, s."""
+UNKNOWN_RATE = 20e-6 * SPEED_OF_LIGHT
+"""1 sigma of the receiver's rate where ranges do not show it, m/s: 20 ppm, an uncompensated quartz."""
 
 
 def _state_name(clock: str) -> str:
@@ -68,20 +80,45 @@ def one_way_blocks(names: tuple[str, ...], clocks: OneWayClocks) -> list[tuple[B
 
 
 def start_clocks(
-    nav: np.ndarray, matrix: np.ndarray, flight: RecordedFlight, begin: PartStart, sensors: SensorDesign
+    nav: np.ndarray, matrix: np.ndarray, flight: RecordedFlight, begin: PartStart, design: FilterDesign
 ) -> np.ndarray:
-    """Navigation state (NAV,) with first offsets of the clocks of one-way ranges; propagates P (n, n) of the clocks, as
-    it is at the start of the flight, to the start of a part, in place."""
+    """Navigation state (NAV,) with first offsets and rates of the clocks of one-way ranges; propagates P (n, n) of the
+    clocks, as it is at the start of the flight, to the start of a part, in place."""
+    sensors = design.sensors
     if not sensors.clocks:
         return nav
     offsets = np.array([first for first, _ in sensors.clocks])
+    line = _receiver_clock(flight, begin, design)
+    own, sign = (offsets[:1], 1.0) if line.of_receiver else (offsets, -1.0)
+    _add(matrix, own, -np.diag(np.square(UNKNOWN_CLOCK)))  # known anew by the ranges of this part
     _let_go_on(matrix, offsets, sensors, begin.alignment.time - flight.start.alignment.time)
+    _add(matrix, own, line.covariance)
     out = np.zeros(states.NAV_SENSORS + matrix.shape[0] - states.SENSORS)
     out[: nav.size] = nav
-    ahead, of_receiver = _receiver_offset(flight, begin, sensors)
-    at = offsets - states.SENSORS + states.NAV_SENSORS
-    out[at[:1] if of_receiver else at] = ahead if of_receiver else -ahead
+    at = own - states.SENSORS + states.NAV_SENSORS
+    out[at], out[at + 1] = sign * line.offset, sign * line.rate
     return out
+
+
+def _add(p: np.ndarray, offsets: np.ndarray, covariance: np.ndarray) -> None:
+    """Add a covariance (2, 2) of offset and rate, which the clocks have in common, to P (n, n) in place; offsets: of
+    the states."""
+    for i, j in np.ndindex(2, 2):
+        p[np.ix_(offsets + i, offsets + j)] += covariance[i, j]
+
+
+@dataclass(frozen=True)
+class _ReceiverClock:
+    """The receiver's clock against the sources' at a start, by a line through the first ranges less distances."""
+
+    offset: float
+    """m."""
+    rate: float
+    """m/s, 0 if unknown."""
+    covariance: np.ndarray
+    """(2, 2) of offset and rate; wide compared with the error of the line."""
+    of_receiver: bool
+    """Whether they are states; otherwise the receiver's clock is the reference."""
 
 
 def _let_go_on(p: np.ndarray, offsets: np.ndarray, sensors: SensorDesign, dt: float) -> None:
@@ -103,61 +140,153 @@ def _noise(density: np.ndarray, dt: float) -> np.ndarray:
     return np.array([[offset, both], [both, rate]])
 
 
-def _receiver_offset(flight: RecordedFlight, begin: PartStart, sensors: SensorDesign) -> tuple[float, bool]:
-    """The receiver's offset against the sources by the first ranges after a start, m, and whether it is a state.
+def _receiver_clock(flight: RecordedFlight, begin: PartStart, design: FilterDesign) -> _ReceiverClock:
+    """The line is that of the reference if this is a source that is heard among the first, otherwise the median of the
+    sources heard then. Its sigmas are those of `UNKNOWN_CLOCK` at the first ranges."""
+    axes = {block.first for block in design.sensors.blocks if block.sensor == BEACON and block.clock is not None}
+    of_receiver, clock = BEACON_STATES * len(axes) in axes, BEACON_STATES * len(axes) + 3
+    heard = {beacon: _first_of(*each) for beacon, each in _excess(flight, begin, design.latency).items()}
+    first = min((time[0] for time, _ in heard.values()), default=0.0)
+    early = {beacon: each for beacon, each in heard.items() if each[0][0] <= first + _FIRST_S}
+    of_datum = [each for beacon, each in early.items() if of_receiver and clock + 2 * beacon not in axes]
+    slopes = np.array([_slope(*each) for each in of_datum])
+    if not np.isfinite(slopes).any():
+        slopes = np.array([_slope(*each) for each in early.values()])
+    shown = slopes[np.isfinite(slopes)]
+    rate = float(np.median(shown)) if shown.size else 0.0
+    sigma = np.array([UNKNOWN_CLOCK[0], UNKNOWN_CLOCK[1] if shown.size else UNKNOWN_RATE])
+    if not early:
+        return _ReceiverClock(0.0, rate, np.diag(sigma**2), of_receiver)
+    used = of_datum or list(early.values())
+    away = [np.median(each - rate * (time - begin.alignment.time)) for time, each in used]
+    back = np.array([[1.0, begin.alignment.time - float(np.median([np.median(time) for time, _ in used]))], [0.0, 1.0]])
+    return _ReceiverClock(float(np.median(away)), rate, back @ np.diag(sigma**2) @ back.T, of_receiver)
 
-    It is that against the reference if this is a source with ranges, otherwise the median of all sources. The filter's
-    prior is wide compared with its error.
-    """
-    axes = {block.first for block in sensors.blocks if block.sensor == BEACON and block.clock is not None}
-    excess, count = _first_excess(flight, begin), len(axes)
-    of_receiver = BEACON_STATES * count in axes
-    clock = BEACON_STATES * count + 3
-    chosen = [away for beacon, away in excess.items() if of_receiver and clock + 2 * beacon not in axes]
-    chosen = chosen or list(excess.values())
-    return (float(np.median(chosen)) if chosen else 0.0), of_receiver
+
+def _first_of(time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The first of some values and of their times (k,), s, `_PAIRED` at most."""
+    last = max(time[0] + _FIRST_S, time[min(_FIRST, time.size) - 1])
+    return _thinned(time[time <= last], value[time <= last])
 
 
-def _first_excess(flight: RecordedFlight, begin: PartStart) -> dict[int, float]:
-    """How much longer the first ranges of each source (its number) after a start are than its distance, m, by the
-    nearest fixes (median)."""
-    fixed, out = np.flatnonzero(np.isfinite(flight.llh[:, 0])), {}
+def _thinned(time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`_PAIRED` values at most, spread evenly."""
+    few = np.unique(np.linspace(0, time.size - 1, min(time.size, _PAIRED)).astype(int))
+    return time[few], value[few]
+
+
+def _slope(time: np.ndarray, value: np.ndarray) -> float:
+    """Median slope of all pairs of values at times (k,), s (Theil-Sen); nan if they are too close."""
+    later = time - time[:, None]
+    if not later.max(initial=0.0) >= _SHORTEST:
+        return np.nan
+    apart = later > 0.0
+    return float(np.median((value - value[:, None])[apart] / later[apart]))
+
+
+def _excess(flight: RecordedFlight, begin: PartStart, latency: float) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Times (k,), s, of the ranges of each source (its number) after a start, and how much longer than its distance
+    they are, m; without those at which no fix tells the position. latency: of the fixes, s."""
+    here, place = _places(flight, begin, latency)
+    out = {}
     for aid in flight.aids:
-        if not isinstance(aid.table, BeaconTable):
+        if not isinstance(aid.table, BeaconTable) or here.size < 2:
             continue
-        later = np.flatnonzero((aid.time > begin.alignment.time) & np.isfinite(aid.table.range))[:_FIRST]
-        if later.size:
-            apart = np.abs(flight.arrival[fixed] - aid.time[later, None])
-            here = flight.llh[fixed[np.argmin(apart, axis=1)]] if fixed.size else begin.llh[None]
-            beacon = int(aid.table.beacon[later[0]])
-            away = np.linalg.norm(ecef_from_llh(here) - aid.table.position[beacon], axis=1)
-            out[beacon] = float(np.median(aid.table.range[later] - away))
+        after = np.searchsorted(here, aid.time)
+        known = (after > 0) & (after < here.size) & np.isfinite(aid.table.range)
+        known &= np.diff(here)[np.clip(after - 1, 0, here.size - 2)] <= _GAP
+        if known.any():
+            time, beacon = aid.time[known], int(aid.table.beacon[0])
+            at = np.stack([np.interp(time, here, axis) for axis in place.T], axis=1)
+            away = np.linalg.norm(at - aid.table.position[beacon], axis=1)
+            out[beacon] = time, aid.table.range[known] - away
     return out
+
+
+def _places(flight: RecordedFlight, begin: PartStart, latency: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times (k,), s, and positions (k, 3), ECEF, m, at a start and at the fixes after it; the first seconds by the
+    velocity of the start, if no fix follows soon."""
+    start, first = begin.alignment.time, ecef_from_llh(begin.llh)
+    valid = flight.arrival - latency
+    fixed = np.isfinite(flight.llh[:, 0]) & (valid > start)
+    time, place = valid[fixed], ecef_from_llh(flight.llh[fixed])
+    if not time.size or time[0] > start + _GAP:
+        ahead = first + _FIRST_S * ned_matrix(begin.llh).T @ begin.velocity
+        time, place = np.append(start + _FIRST_S, time), np.concatenate([ahead[None], place])
+    return np.append(start, time), np.concatenate([first[None], place])
 
 
 def find_far_clocks(
     flight: RecordedFlight, flown: Replayed, names: tuple[str, ...], clocks: OneWayClocks
 ) -> list[Finding]:
-    """Finding of sources whose ranges the gate mostly rejected, and whose clocks are farther apart at the first ranges
-    than the log expects."""
-    excess = {names[beacon]: away for beacon, away in _first_excess(flight, flight.start).items()}
-    reference = excess.get(clocks.datum, float(np.median(list(excess.values()))) if excess else 0.0)
-    apart = {name: abs(away - reference) for name, away in excess.items()}
+    """Findings of sources whose ranges the gate mostly rejected, and whose clocks are farther apart at the start, or
+    in rate, than the log expects."""
+    excess = {names[beacon]: each for beacon, each in _excess(flight, flight.start, 0.0).items()}
     rejected = [
         names[int(aid.table.beacon[0])]
         for aid, own in zip(flight.aids, flown.aids, strict=True)
-        if isinstance(aid.table, BeaconTable) and aid.time.size and np.mean(own.status == REJECTED) > MOSTLY
+        if isinstance(aid.table, BeaconTable) and _mostly_rejected(own.status)
     ]
-    far = [name for name in rejected if apart.get(name, 0.0) > FAR * clocks.offset_sigma_m]
-    if not far:
-        return []
-    most = digits(max(apart[name] for name in far), 2)
-    text = (
-        f"the filter rejects ranges of {', '.join(far)}: at the first ranges their clocks are up to {most} m apart "
-        f"from the others, where clocks.offset_sigma_m is {clocks.offset_sigma_m:g} m. Write "
-        f"`clocks: {{offset_sigma_m: {most}}}`"
-    )
-    return [Finding("clock_offset", text, (), len(far), len(apart))]
+    start = flight.start.alignment.time
+    apart = {name: _against(excess, name, clocks.datum, start) for name in rejected if name in excess}
+    out = []
+    for name, k, limit, words in (
+        ("offset", 0, FAR * clocks.offset_sigma_m, ("offset_sigma_m", "m", "at the start their clocks are")),
+        ("rate", 1, FAST * clocks.rate_sigma_m_s, ("rate_sigma_m_s", "m/s", "rates of their clocks are")),
+    ):
+        far = [source for source, each in apart.items() if each[k] > limit]
+        if far:
+            key, unit, what = words
+            most = digits(max(apart[source][k] for source in far), 2)
+            text = (
+                f"the filter rejects ranges of {', '.join(far)}: {what} up to {most} {unit} apart from the others, "
+                f"where clocks.{key} is {getattr(clocks, key):g} {unit}. Write `clocks.{key}: {most}`"
+            )
+            out.append(Finding(f"clock_{name}", text, (), len(far), len(names)))
+    return out
+
+
+def _mostly_rejected(status: np.ndarray) -> bool:
+    """Whether most ranges that the filter weighed have the status of rejection, (k,) int."""
+    return bool(np.sum(status == REJECTED) > MOSTLY * np.sum(status != NOT_USED))
+
+
+def _against(
+    excess: dict[str, tuple[np.ndarray, np.ndarray]], name: str, datum: str, start: float
+) -> tuple[float, float]:
+    """How far the clock of a source is from those of others at a time start, s: offset, m, and rate, m/s, without sign.
+
+    The other is the reference if ranges of both are from the same seconds, otherwise the median of all. A rate within
+    its noise counts as 0.
+    """
+    found = {other: _difference(excess[name], each, start) for other, each in excess.items()}
+    if np.isfinite(found.get(datum, (np.nan,))[0]):
+        found = {datum: found[datum]}
+    both = np.array([each for each in found.values() if np.isfinite(each[0])])
+    offset, rate = np.median(both, axis=0)
+    return abs(float(offset)), abs(float(rate))
+
+
+def _difference(
+    own: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray], start: float
+) -> tuple[float, float]:
+    """Offset at a time start, s, and rate of one series against another, m, m/s; nan if they have no times in common, a
+    rate of 0 if it is within its noise."""
+    (time, value), (there, reference) = own, other
+    after = np.clip(np.searchsorted(there, time), 1, max(there.size - 1, 1))
+    common = (time >= there[0]) & (time <= there[-1])
+    if there.size > 1:
+        common &= there[after] - there[after - 1] <= _GAP
+    if not common.any():
+        return np.nan, np.nan
+    time, apart = time[common], (value - np.interp(time, there, reference))[common]
+    first, (time, apart) = time[0], _thinned(time[time <= time[0] + _COMPARED_S], apart[time <= time[0] + _COMPARED_S])
+    rate = _slope(time, apart)
+    left = apart - np.nan_to_num(rate) * (time - first)
+    middle = float(np.median(left))
+    noise = 1.5 * np.median(np.abs(left - middle)) * np.sqrt(12.0 / time.size) / max(time[-1] - first, _SHORTEST)
+    rate = rate if abs(rate) > FAR * noise else 0.0  # also of nan
+    return middle - rate * (first - start), rate
 
 
 def write_clocks(

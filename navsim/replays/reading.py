@@ -16,8 +16,8 @@ from navsim.formats.text import Dropped, FileError
 from navsim.geodesy.magnetic import NoMagneticModel, declination
 from navsim.gnss.timescales import gps_from_utc
 from navsim.ranging import recording
-from navsim.ranging.model import RECEIVER
 from navsim.ranging.recording import RangeLog
+from navsim.ranging.scenario import RECEIVER
 from navsim.recording_checks.diagnosis import examine
 from navsim.recording_checks.mistakes import Log, Mistake, relative_units
 from navsim.replays.aids import antenna_axis

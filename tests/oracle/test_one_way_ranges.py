@@ -179,8 +179,13 @@ def test_clocks_are_dense_least_squares(datum: str, within: Within, tmp_path: Pa
     np.testing.assert_allclose(sigma[:3], of_position, rtol=within["sigma"])
 
 
-def recorded(folder: Path, seed: int, clocks: str) -> dict[str, np.ndarray]:
-    """A drive with ranges twice a second, in the files of a recording; offset and rate (k, 2) of its clocks then."""
+def recorded(
+    folder: Path, seed: int, clocks: str, rates: dict[str, float] | None = None, first: dict[str, float] | None = None
+) -> dict[str, np.ndarray]:
+    """A drive with ranges twice a second, in the files of a recording; offset and rate (k, 2) of its clocks then.
+
+    rates: further rates of clocks, m/s; first: times from which on a source is heard, s.
+    """
     trajectory, rng = drive(), np.random.default_rng([seed, 1])
     write_recording(folder, *record(trajectory, seed, fix_rate=2.0, position_noise=0.0, latency=0.0))
     names, *rows = (folder / "gnss.csv").read_text().splitlines()
@@ -190,12 +195,15 @@ def recorded(folder: Path, seed: int, clocks: str) -> dict[str, np.ndarray]:
     time = np.arange(1.0, 118.0, 0.5)
     out = {name: drawn_clock(rng, "ocxo", time.size, 0.5, (50.0, 1.0)) for name in NAMES}
     out["receiver"] = drawn_clock(rng, "tcxo", time.size, 0.5, (1e4, 20.0))
+    for name, rate in (rates or {}).items():
+        out[name] += np.stack([rate * time, np.full(time.size, rate)], axis=1)
     antenna = trajectory.motion(time).position_ecef
     rows = []
     for i, name in enumerate(NAMES):
         measured = np.linalg.norm(sites(trajectory)[i] - antenna, axis=1) + out["receiver"][:, 0] - out[name][:, 0]
         measured += 0.2 * rng.standard_normal(time.size)
-        rows += [f"{t + 1e6:.1f},{name},{r:.5f}" for t, r in zip(time, measured, strict=True)]
+        rows += [f"{t + 1e6:.1f},{name},{r:.5f}" for t, r in zip(time, measured, strict=True)
+                 if t >= (first or {}).get(name, 0.0)]  # fmt: skip
     log_of(folder, trajectory, sorted(rows), clocks)
     return out
 
@@ -206,9 +214,12 @@ OWN = (
 )
 
 
-def scaled(folder: Path, seed: int, *more: str) -> tuple[np.ndarray, Result]:
-    """Errors of position, offsets and rates of clocks in their sigmas (t, k) from 30 s on, and the result."""
-    true = recorded(folder, seed, OWN)
+def scaled(
+    folder: Path, seed: int, *more: str, rates: dict[str, float] | None = None, first: dict[str, float] | None = None
+) -> tuple[np.ndarray, Result]:
+    """Errors of position, offsets and rates of clocks in their sigmas (t, k) from 30 s on, and the result; rates,
+    first: as of `recorded`."""
+    true = recorded(folder, seed, OWN, rates, first)
     settings = ("gnss.position_sigma_m=[0.5, 0.5]", "filter.output_rate_hz=2", *FIXED, *more)
     result = study.compute(study.prepare(*read_replay(folder / "log.yaml", settings)))
     late = (result["/filter/time"] >= 30.0) & (result["/filter/time"] < 117.0)
@@ -251,6 +262,76 @@ def test_clocks_that_are_farther_apart_than_expected(tmp_path: Path) -> None:
         study.prepare(*read_replay(log, (*settings[:1], f"clocks.offset_sigma_m={write[1]}", *FIXED)))
     )
     assert again["/summary/aid_rejected"].sum() == 0
+
+
+FAST = {"receiver": 600.0}
+
+
+@pytest.mark.parametrize(
+    ("rates", "first", "more"),
+    [
+        (FAST, {}, ()),
+        ({"receiver": -6000.0}, {}, ("clocks.datum=receiver",)),
+        (FAST, {"c": 24.0}, ()),
+        (FAST, dict.fromkeys(NAMES, 33.0), ("outages=[{start_s: [20], duration_s: [15], withhold: true}]",)),
+    ],
+    ids=["fast", "20 ppm, reference", "late reference", "first heard without fixes"],
+)
+def test_a_receiver_clock_that_runs_fast(
+    rates: dict[str, float], first: dict[str, float], more: tuple[str, ...], tmp_path: Path
+) -> None:
+    """No range is rejected, and errors are within their sigmas where the reference is a source."""
+    z, result = scaled(tmp_path, 12, "end_s=40", *more, rates=rates, first=first)
+    assert result["/summary/aid_rejected"].sum() == 0
+    assert result["/summary/aid_used"].min() > 10
+    assert not [found for found in of(result) if found.name.startswith("clock")]
+    if "clocks.datum=receiver" not in more:
+        assert np.abs(z).max() < 4.5
+
+
+def test_a_rate_that_ranges_do_not_show(tmp_path: Path) -> None:
+    """Two ranges of each source, half a second apart: those of a quartz 20 ppm off are used."""
+    late = dict.fromkeys(NAMES, 39.4)
+    result = scaled(tmp_path, 12, "end_s=40.1", rates={"receiver": 6000.0}, first=late)[1]
+    assert result["/summary/aid_used"].tolist() == [2] * 4
+    assert np.abs(result["/summary/clock_rate"][0] - 6000.0) < 60.0
+
+
+def test_fixes_that_are_withheld_do_not_start_the_clocks(tmp_path: Path) -> None:
+    """Wrong positions there change nothing."""
+    recorded(tmp_path, 12, OWN, first=dict.fromkeys(NAMES, 25.0))
+    settings = ("end_s=35", "tuning=none", "outages=[{start_s: [24], duration_s: [6], withhold: true}]", *FIXED)
+    names, *rows = (tmp_path / "gnss.csv").read_text().splitlines()
+    table, clocks = np.array([row.split(",") for row in rows], float), []
+    for off in (0.0, 0.01):
+        table[(table[:, 0] > 24.5) & (table[:, 0] < 29.5), 1] += off
+        np.savetxt(tmp_path / "gnss.csv", table, "%.12g", ",", header=names, comments="")
+        clocks.append(
+            study.compute(study.prepare(*read_replay(tmp_path / "log.yaml", settings)))["/filter/clock_offset"]
+        )
+    np.testing.assert_array_equal(*clocks)
+
+
+def test_clocks_that_run_apart(tmp_path: Path) -> None:
+    """The finding names the key and the value, with which all ranges are used; a late reference is not far by it."""
+    rates = {"receiver": 100.0, "a": 10.0, "b": -10.0, "d": 12.0}
+    found = of(scaled(tmp_path, 12, "end_s=50", rates=rates, first={"c": 30.0})[1])
+    text = next(one.text for one in found if one.name == "clock_rate")
+    write = re.search(r"Write `clocks.rate_sigma_m_s: (\d+)`", text)
+    assert write is not None
+    assert 8 < int(write[1]) < 14
+    assert "clock_offset" not in [one.name for one in found]
+    again = scaled(tmp_path, 12, "end_s=50", f"clocks.rate_sigma_m_s={write[1]}", rates=rates, first={"c": 30.0})[1]
+    assert again["/summary/aid_rejected"].sum() == 0
+
+
+def test_a_source_with_the_name_of_the_receiver_is_refused(tmp_path: Path) -> None:
+    recorded(tmp_path, 11, OWN)
+    for name in ("log.yaml", "r.csv"):
+        text = (tmp_path / name).read_text().replace("name: d,", "name: receiver,").replace(",d,", ",receiver,")
+        (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match="a source is named receiver"):
+        study.prepare(*read_replay(tmp_path / "log.yaml", FIXED))
 
 
 def test_states_that_geometry_cannot_tell_apart_are_named(tmp_path: Path) -> None:
