@@ -203,8 +203,8 @@ def test_ranges_of_beacons_keep_a_car_in_outages(tmp_path: Path) -> None:
     for settings, message in (
         ((places(),), "belong together"),
         ((ranges, places(), "filter.kind=first-estimates"), "change of specific force"),
-        ((ranges, "sources={positions: [{name: '0', position_m: [0, 0, 0]}, {name: '1', position_m: [300, 0, 0]}, "
-                  "{name: '2', position_m: [0, 300, 0]}]}"), "local axes"),
+        ((ranges, "sources={positions: [{name: '0', position_m: [0, 0, 0]}, {name: '1', position_m: [370, 0, 0]}, "
+                  "{name: '2', position_m: [250, 520, 0]}]}"), "local axes"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=message):
             study.prepare(*read_replay(log, settings))

@@ -101,6 +101,7 @@ def test_other_objectives(tmp_path: Path, objective: str) -> None:
     assert search(here, 1)[1].value <= brute * 1.001
 
 
+@pytest.mark.long
 def test_every_rule_is_kept(tmp_path: Path) -> None:
     """All rules at once, checked by formulas of their own; the polygon in longitude and latitude."""
     centre = (37.0, 56.0012)  # where the best place without it is

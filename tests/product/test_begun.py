@@ -38,6 +38,7 @@ def begun(file: Path, target: Path, pieces: int) -> CheckpointStore:
     return store
 
 
+@pytest.mark.long
 def test_dry_run_says_what_is_kept(tmp_path: Path) -> None:
     file = study(tmp_path, "begun", SWEEP)
     navsim("sweep", file, "-o", "compiled.h5", "--figures", "none", "-q", cwd=tmp_path)  # no block is timed before that

@@ -351,6 +351,7 @@ def test_what_is_saved_flies_and_has_the_figures_shown(browser: Any, tmp_path: P
         assert f"{float(value):.{len(text.partition('.')[2])}f}" == text, path
 
 
+@pytest.mark.long
 def test_everything_else_that_can_be_done(browser: Any, tmp_path: Path) -> None:
     """Levels, a jammer under the mouse, one more and one less, undo, what is refused, consent, what is lost."""
     scenario, target = tmp_path / "field.yaml", tmp_path / "out.yaml"
@@ -637,6 +638,7 @@ def orders_are_carried_out_or_refused(looked: Looked) -> None:
     assert not looked.said, "every request goes the same way, without a word in the console"
 
 
+@pytest.mark.long
 def test_the_page_lives_behind_a_tunnel_and_wrong_orders(browser: Any, tmp_path: Path) -> None:
     """Its websocket connects by the name localhost and another port, and it carries out orders; one that is malformed
     gets a message, changes nothing, and the page goes on."""

@@ -19,6 +19,8 @@ from tests.helpers import in_brief
 from tests.product.conftest import opened
 from tests.unit.test_reference import script
 
+pytestmark = pytest.mark.long  # the build takes half a minute; links of pages and code are checked every time
+
 DOCS = ROOT / "docs"
 
 

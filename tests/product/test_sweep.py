@@ -155,6 +155,7 @@ def test_each_combination_is_the_scenario_by_itself(grid: Path) -> None:
         assert result["/sweep/fix_vertical"][index] == pytest.approx(up, rel=1e-12)
 
 
+@pytest.mark.long
 def test_killed_twice_with_damage_on_the_way(place: Path, grid: Path) -> None:
     """SIGKILL twice, a finished batch damaged, another number of workers: the same in the end."""
     file = study(place, "grid", GRID)

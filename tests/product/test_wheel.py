@@ -55,6 +55,7 @@ def test_it_asks_for_no_more_than_it_did(wheel: Path) -> None:
     assert base == BASE
 
 
+@pytest.mark.long
 def test_it_works_by_itself(wheel: Path, tmp_path: Path) -> None:
     """Unpacked as pip does it, in an empty folder, with the packages of this environment and nothing of this tree."""
     site, work = tmp_path / "site", tmp_path / "work"
