@@ -222,7 +222,7 @@ class CurvedRange:
         """The worst of those whose second-order errors (e, n), m, exceed `CURVED` of the noise; None without. asked:
         (e,) the one beacon asked at each time; None: all."""
         distance = np.linalg.norm(geometry.away, axis=2)
-        ratio = np.nan_to_num(longer / np.sqrt(geometry.sensor.noise_variance(distance)))
+        ratio = np.where(geometry.received, longer / np.sqrt(geometry.sensor.noise_variance(distance)), 0.0)
         if asked is not None:
             ratio = np.where(np.arange(ratio.shape[1]) == asked[:, None], ratio, 0.0)
         if not (ratio > CURVED).any():

@@ -88,7 +88,7 @@ class Case:
         return [*self.sky_warnings, *self.preflight.warnings, *near, *self._bent_ranges(), *silent]
 
     @property
-    def given(self) -> Landing:
+    def scenario_as_given(self) -> Landing:
         """The scenario as it was given: without the second order of ranges that navsim set itself."""
         return self.scenario if self.second_order_of is None else _with_key(self.scenario, None)
 

@@ -1,9 +1,9 @@
 """Covariance of the position while there are no fixes, before anything is flown.
 
-A linear error model in coarse steps: position, velocity and tilt (NED), biases of the inertial sensors (body axes),
-errors of fixes that last, and of each beacon one that lasts, with the clock of one-way ranges. Of other sensors it has
-none, so with them the covariance is too large. Source: Groves (2013), section 14.2.4, without Earth rate and Schuler
-terms.
+A linear error model in coarse steps. Its states are position, velocity and tilt (NED), biases of the inertial sensors
+(body axes), lasting errors of fixes, one lasting error of each beacon, and the clock of one-way ranges. Other sensors
+are left out, so with them the covariance is too large. Source: Groves (2013), section 14.2.4, without Earth rate and
+Schuler terms.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ def start_result(case: Case, layout: str) -> ResultBuilder:
 
 def attributes(case: Case, seed: int) -> dict[str, Any]:
     """The root attributes of a landing's result."""
-    return root_attributes("landing", seed, case.given, method=case.scenario.method)
+    return root_attributes("landing", seed, case.scenario_as_given, method=case.scenario.method)
 
 
 def _truth(draft: ResultBuilder, case: Case) -> None:

@@ -46,7 +46,8 @@ def swapped_pairs(model: RangeModel, residual: np.ndarray) -> list[tuple[str, st
     """Pairs of sources whose exchange makes the ranges clearly more likely, the best first; residual: RMS of each
     source (s,), m."""
     first, names = _first(model), model.log.sources.names
-    worst = np.sort(np.argsort(np.nan_to_num(residual))[-_WORST:])
+    heard = np.where(np.isnan(residual), 0.0, residual)  # a source whose ranges all are outliers has none
+    worst = np.sort(np.argsort(heard)[-_WORST:])
     (before, rms), count = _judged(first), first.data.time.size
     judged = {(int(a), int(b)): _judged(_exchanged(first, a, b)) for a, b in combinations(worst, 2)}
     gains = {pair: likelihood - before for pair, (likelihood, left) in judged.items() if left < _LESS * rms}

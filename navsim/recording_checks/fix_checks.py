@@ -88,7 +88,7 @@ def interpretations(log: Log, unseen: list[str]) -> tuple[list[Mistake], Log]:
             if _relative_residual(way[:, :2] * mirror, summed[:, :2], SHORTEST_WAYS)[0] <= MISFITS:
                 unseen.append(f"sign of the {name}: the way leads along a {line}, and either sign fits the velocities")
         exchanged = with_all_columns_exchanged(log)[0].fixes
-        if is_on_earth(exchanged) and misfit(exchanged) <= 1.5 * misfit(log.fixes) + 0.02:
+        if is_on_earth(exchanged) and velocity_difference(exchanged) <= 1.5 * velocity_difference(log.fixes) + 0.02:
             unseen.append(
                 f"order of the columns, {EAST_NORTH}: positions and velocities agree in both, only turns tell"
             )
@@ -281,7 +281,7 @@ def _level(log: Log) -> tuple[list[Mistake], list[Log]]:
     return [Mistake(evidence, told, remedies, "gnss")], [options[i][2] for i in chosen]
 
 
-def misfit(fixes: Fixes) -> float:
+def velocity_difference(fixes: Fixes) -> float:
     """Relative difference of displacements and integrated velocities, horizontal, as of `_relative_residual`."""
     way, summed = _moved(fixes)
     return _relative_residual(way[:, :2], summed[:, :2], SHORTEST_WAYS)[0]
@@ -293,7 +293,7 @@ def _east_before_north(log: Log, as_written: float) -> tuple[Mistake, Log] | Non
     Both agree as written, but for the length of a degree of longitude, which tells where it differs enough.
     """
     cured, remedy = with_all_columns_exchanged(log)
-    found = misfit(cured.fixes) if is_on_earth(cured.fixes) else np.nan
+    found = velocity_difference(cured.fixes) if is_on_earth(cured.fixes) else np.nan
     if not found <= min(ACCEPTED, EXCHANGED * as_written):
         return None
     evidence = (

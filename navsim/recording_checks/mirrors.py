@@ -8,7 +8,7 @@ import numpy as np
 
 from navsim.formats import conventions
 from navsim.formats.conventions import BODY_AXES, LEVEL_AXES, axes_letters, axes_matrix
-from navsim.recording_checks.fix_checks import misfit
+from navsim.recording_checks.fix_checks import velocity_difference
 from navsim.recording_checks.fix_readings import OF_ALL_COLUMNS, is_on_earth, with_all_columns_exchanged
 from navsim.recording_checks.mistakes import Log, Mistake
 
@@ -88,7 +88,10 @@ def _exchanged(log: Log, written: _Axes) -> list[tuple[_Axes, dict[str, Any], in
     """The mirror of exchanged columns of latitude and longitude, if the positions then agree with the velocities as
     well as before: axes, columns, departures, statement."""
     cured, remedy = with_all_columns_exchanged(log)
-    if not is_on_earth(cured.fixes) or not misfit(cured.fixes) <= 1.5 * misfit(log.fixes) + 0.02:
+    if (
+        not is_on_earth(cured.fixes)
+        or not velocity_difference(cured.fixes) <= 1.5 * velocity_difference(log.fixes) + 0.02
+    ):
         return []
     axes = written[0], *_turned(np.eye(3)[[1, 0, 2]], written)
     return [(axes, {"gnss.columns": remedy["gnss.columns"]}, 1 + _departures(*axes), OF_ALL_COLUMNS)]

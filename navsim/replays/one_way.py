@@ -64,7 +64,7 @@ def _state_name(clock: str) -> str:
     return RECEIVER_CLOCK if clock == RECEIVER else _OF_SOURCE + clock
 
 
-def one_way_blocks(names: tuple[str, ...], clocks: OneWayClocks) -> list[tuple[Block, float]]:
+def range_clock_blocks(names: tuple[str, ...], clocks: OneWayClocks) -> list[tuple[Block, float]]:
     """States of all clocks of these sources but the reference, with their 1 sigma, m, m/s."""
     sigma = dict.fromkeys(names, (clocks.offset_sigma_m, clocks.rate_sigma_m_s)) | {RECEIVER: UNKNOWN_CLOCK}
     density = dict.fromkeys(names, clocks.sources.densities()) | {RECEIVER: clocks.receiver.densities()}
@@ -82,8 +82,10 @@ def one_way_blocks(names: tuple[str, ...], clocks: OneWayClocks) -> list[tuple[B
 def start_clocks(
     nav: np.ndarray, matrix: np.ndarray, flight: RecordedFlight, begin: PartStart, design: FilterDesign
 ) -> np.ndarray:
-    """Navigation state (NAV,) with first offsets and rates of the clocks of one-way ranges; propagates P (n, n) of the
-    clocks, as it is at the start of the flight, to the start of a part, in place."""
+    """Navigation state (NAV,) with first offsets and rates of the clocks of one-way ranges.
+
+    P (n, n) of the clocks is propagated in place from the start of the flight to that of a part.
+    """
     sensors = design.sensors
     if not sensors.clocks:
         return nav
@@ -185,8 +187,10 @@ def _slope(time: np.ndarray, value: np.ndarray) -> float:
 
 
 def _excess(flight: RecordedFlight, begin: PartStart, latency: float) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Times (k,), s, of the ranges of each source (its number) after a start, and how much longer than its distance
-    they are, m; without those at which no fix tells the position. latency: of the fixes, s."""
+    """Times (k,), s, and excesses over the distance (k,), m, of the ranges of each source (its number) after a start.
+
+    Ranges without a fix near them are left out. latency: of the fixes, s.
+    """
     here, place = _places(flight, begin, latency)
     out = {}
     for aid in flight.aids:
@@ -282,10 +286,12 @@ def _difference(
     time, apart = time[common], (value - np.interp(time, there, reference))[common]
     first, (time, apart) = time[0], _thinned(time[time <= time[0] + _COMPARED_S], apart[time <= time[0] + _COMPARED_S])
     rate = _slope(time, apart)
-    left = apart - np.nan_to_num(rate) * (time - first)
+    if np.isnan(rate):  # the common times are too short to show one
+        rate = 0.0
+    left = apart - rate * (time - first)
     middle = float(np.median(left))
     noise = 1.5 * np.median(np.abs(left - middle)) * np.sqrt(12.0 / time.size) / max(time[-1] - first, _SHORTEST)
-    rate = rate if abs(rate) > FAR * noise else 0.0  # also of nan
+    rate = rate if abs(rate) > FAR * noise else 0.0
     return middle - rate * (first - start), rate
 
 

@@ -50,7 +50,7 @@ from navsim.replays.aids import (
 from navsim.replays.findings import findings, outage_spans, warn_of_headings, warn_of_outages, warn_of_unflown
 from navsim.replays.flight_tables import fix_covariance
 from navsim.replays.motion import moving_speed
-from navsim.replays.one_way import one_way_blocks, write_clocks
+from navsim.replays.one_way import range_clock_blocks, write_clocks
 from navsim.replays.reading import LEAST_FIXES, LEAST_SAMPLES, ReplayError, read, thin_times
 from navsim.replays.recorded_flight import InertialLog, KnownStart, RecordedFlight
 from navsim.replays.result_groups import (
@@ -175,7 +175,7 @@ class Recording:
         if self.scenario.ranges is not None and self.beacons is not None:
             further += blocks_of(self.beacons.sources.names, beacon_errors(self.scenario.ranges))
             if self.scenario.clocks is not None:
-                further += one_way_blocks(self.beacons.sources.names, self.scenario.clocks)
+                further += range_clock_blocks(self.beacons.sources.names, self.scenario.clocks)
         if self.scenario.heading is not None and self.headings is not None:
             further += heading_blocks(self.headings, self.scenario.heading, self.interval)
         blocks, sigma = [block for block, _ in further], [sigma for _, sigma in further]

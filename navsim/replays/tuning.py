@@ -445,14 +445,14 @@ class TuningSearch:
         if likelier.excess(found) < 0.0:
             other, likelier = trial, found
         of_arm = np.sqrt(fewer * np.diag(np.linalg.inv(information))[-3:])
-        if not self._is_told(best, now, other, likelier, of_arm, fewer):
+        if not self._is_clearly_likelier(best, now, other, likelier, of_arm, fewer):
             return [], spread, correlation
         self.kept = likelier
         other, likelier, _ = self.settle(other, which)
         information = self._derivatives(_searched(other)[which], other, which, likelier, DIFFERENCES[which])[1]
         self.kept = None
         of_arm = np.sqrt(fewer * np.diag(np.linalg.inv(information))[-3:])
-        if not self._is_told(best, now, other, likelier, of_arm, fewer):
+        if not self._is_clearly_likelier(best, now, other, likelier, of_arm, fewer):
             return [], spread, correlation
         late = abs(other[LATENCY] - best[LATENCY]) > OTHER_LATENCY
         speed = self._mean_speed(other) if LATENCY in which else None
@@ -466,7 +466,7 @@ class TuningSearch:
         return float(np.mean(flight.speed[in_motion(flight, self.recording.moving_speed)]))
 
     @staticmethod
-    def _is_told(
+    def _is_clearly_likelier(
         best: np.ndarray, now: _Evaluation, other: np.ndarray, likelier: _Evaluation, sigma: np.ndarray, fewer: float
     ) -> bool:
         """Whether a user is told of other settings, because their lever arm is another one, and clearly likelier.
@@ -486,8 +486,11 @@ class TuningSearch:
         return float((1.0 + lag1) / (1.0 - lag1))
 
     def _traded(self, best: np.ndarray, now: _Evaluation, free: np.ndarray) -> tuple[np.ndarray, _Evaluation]:
-        """The likeliest settings, and their evaluation, with another latency and the forward lever arm that puts the
-        fixes of the mean speed in the same positions, or without an arm: a wrong arm is hidden by such a latency."""
+        """The likeliest settings with another latency, and their evaluation.
+
+        The forward lever arm is 0, or that which puts fixes at the mean speed in the same positions. Such a latency
+        hides a wrong arm.
+        """
         found = best, now
         if LATENCY not in free:
             return found
@@ -551,9 +554,12 @@ def _first_latency(cost: Callable[[float], float]) -> float:
 def _of_lever_arm(
     given: np.ndarray, change: np.ndarray, sigma: np.ndarray, latency: float | None = None, speed: float | None = None
 ) -> str:
-    """Remark on another lever arm (3,), m, by the axes that the motion shows: those where it would tell
-    `SHORTEST_ARM`, or tells a change. latency: that with this arm, s, if it differs from the tuned one; speed: the
-    mean one, m/s, at which a tuned latency and the forward arm hide each other: the arm then has no sigma."""
+    """Remark on another lever arm (3,), m, by the axes that the motion shows.
+
+    These are axes where `SHORTEST_ARM` or the change exceeds `SURE_ARM` sigmas. latency: that with this arm, s, if it
+    differs from the tuned one. speed: mean speed, m/s, where a tuned latency hides a forward arm, which then has no
+    sigma; else None.
+    """
     is_shown = (SURE_ARM * sigma <= SHORTEST_ARM) | (np.abs(change) >= SURE_ARM * sigma)
     axes = list(zip(("forward", "right", "down"), given + change, sigma, is_shown, strict=True))[speed is not None :]
     parts = [f"{name} {value_text(x, s)} ± {digits(s, 1)}" for name, x, s, known in axes if known]

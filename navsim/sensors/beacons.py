@@ -411,8 +411,11 @@ def clock_blocks(
     name: str, first: int, density: tuple[float, float], sigma: tuple[float, float],
     reference: ReferenceClock = NO_REFERENCE,
 ) -> list[tuple[Block, float]]:  # fmt: skip
-    """Offset and rate of a clock in one-way ranges, with their 1 sigma, m, m/s; first: number of the offset among the
-    errors of beacons. density: of the white noises of phase and frequency, m2/s, m2/s3; without the reference clock."""
+    """Offset and rate of a clock in one-way ranges, with their 1 sigma, m, m/s.
+
+    first: number of the offset among the errors of beacons. density: of the clock's white noises of phase and
+    frequency, m2/s, m2/s3.
+    """
     model = TransmitterClockModel(*density, 0.0, reference)
     offset = Block(name.format(""), "m", BEACON, first=first, size=1, clock=model)
     rate = Block(name.format("_rate"), "m/s", BEACON, first=first + 1, size=1)

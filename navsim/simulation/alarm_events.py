@@ -239,4 +239,5 @@ def _without_noise(flight: Flight) -> np.ndarray:
     fixes = receiver_fixes(shared, ranges, rates)
     antenna = in_all_lanes(shared.signals.antenna)
     left, _ = range_residuals(shared.signals, antenna, shared.antenna_enu, ranges, fixes.llh, fixes.clocks)
-    return np.nan_to_num(np.where(shared.signals.used, left[..., 0], 0.0))
+    has_fix = np.isfinite(fixes.llh[:, 0, 0])
+    return np.where(shared.signals.used & has_fix[:, None], left[..., 0], 0.0)
